@@ -1,0 +1,94 @@
+"""What an estimator may know. Imports neither `truth` nor `scenario`, nor they it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sim import archive
+from sim.archive import freeze_fields
+from sim.camera import StereoRig
+from sim.pose import Pose
+
+_FILE = "observations.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """Image points of one object as flat columns, one row per stereo observation; ragged tracks need no padding.
+
+    frame (N,) index into `Observations.t_s`; track (N,) identifier; uv_left, uv_right (N, 2) pixels; cov (N, 4, 4)
+    the *stated* covariance of (u_left, v_left, u_right, v_right) in px². Rows are sorted by (frame, track).
+    """
+
+    frame: Int[np.ndarray, "n"]
+    track: Int[np.ndarray, "n"]
+    uv_left: Float[np.ndarray, "n 2"]
+    uv_right: Float[np.ndarray, "n 2"]
+    cov: Float[np.ndarray, "n 4 4"]
+
+    def __post_init__(self) -> None:
+        freeze_fields(self)
+        n = len(self.frame)
+        shapes = [a.shape for a in (self.frame, self.track, self.uv_left, self.uv_right, self.cov)]
+        if shapes != [(n,), (n,), (n, 2), (n, 2), (n, 4, 4)]:
+            raise ValueError(f"Tracks: expected (n,), (n,), (n, 2), (n, 2), (n, 4, 4), got {shapes}")
+        for name in ("uv_left", "uv_right", "cov"):
+            if not np.isfinite(getattr(self, name)).all():
+                row = int(np.argwhere(~np.isfinite(getattr(self, name)))[0, 0])
+                raise ValueError(
+                    f"Tracks.{name}: not finite in row {row} (frame {self.frame[row]}, track {self.track[row]})"
+                )
+        if np.any(np.diff(self.frame) < 0) or np.any((np.diff(self.frame) == 0) & (np.diff(self.track) <= 0)):
+            raise ValueError("Tracks: rows must be sorted by (frame, track), each pair at most once")
+
+    def __len__(self) -> int:
+        return len(self.frame)
+
+    @property
+    def uv(self) -> Float[np.ndarray, "n 4"]:
+        """(u_left, v_left, u_right, v_right)."""
+        return np.concatenate([self.uv_left, self.uv_right], axis=1)
+
+    def select(self, rows: Any) -> Tracks:
+        return Tracks(self.frame[rows], self.track[rows], self.uv_left[rows], self.uv_right[rows], self.cov[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """The measurements of one object in one stereo sequence.
+
+    t_s (m,) times of the frames, strictly increasing; rig the *nominal* calibration; T_wc (m,) the *measured* poses of
+    the left camera, or None where nothing is known of the ego motion; images (left, right) file names per frame,
+    relative to the folder the observations are stored in, or None.
+    """
+
+    t_s: Float[np.ndarray, "m"]
+    rig: StereoRig
+    tracks: Tracks
+    entity: str = "target"
+    T_wc: Pose | None = None
+    images: tuple[tuple[str, str], ...] | None = None
+
+    def __post_init__(self) -> None:
+        freeze_fields(self)
+        if not np.isfinite(self.t_s).all() or np.any(np.diff(self.t_s) <= 0):
+            raise ValueError("Observations.t_s: expected finite, strictly increasing times")
+        if len(self.tracks) and not 0 <= self.tracks.frame[0] <= self.tracks.frame[-1] < len(self.t_s):
+            raise ValueError(f"Observations.tracks: frame outside 0..{len(self.t_s) - 1}")
+        if self.T_wc is not None and self.T_wc.t.shape != (len(self.t_s), 3):
+            raise ValueError(f"Observations.T_wc: expected {len(self.t_s)} poses, got {self.T_wc.t.shape}")
+
+    def save(self, folder: Path) -> None:
+        archive.save(folder / _FILE, self)
+
+    @staticmethod
+    def load(folder: Path) -> Observations:
+        f = archive.load(folder / _FILE)
+        images = None if f["images"] is None else tuple((left, right) for left, right in f["images"])
+        T_wc = None if f["T_wc"] is None else Pose(**f["T_wc"])
+        return Observations(f["t_s"], StereoRig.from_fields(f["rig"]), Tracks(**f["tracks"]), f["entity"], T_wc, images)
