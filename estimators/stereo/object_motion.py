@@ -17,7 +17,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimators.gauss_markov import Reduced, SingularSystem, inverse_spd, invert_with_null_space, reduce_points, sum_by
+from estimators.gauss_markov import SingularSystem, inverse_spd, invert_with_null_space, reduce_points, sum_by
 from sim.pose import exp_so3, hat, left_jacobian, log_so3
 
 Array = np.ndarray
@@ -26,14 +26,15 @@ Stop = Literal["decrement", "update", "relative_update"]
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Observations of one window: frame (k,) in 0..m-1, point (k,) in 0..n-1.
+    """Observations of one window: frame (k,) in 0..m-1, point (k,) in 0..n-1, triangulated points l (k, 3).
 
-    ``model(Y)`` gives for the current points Y (k, 3) in the camera frame the observations l (k, 3) and weights
-    W (k, 3, 3) that hold there.
+    ``model(Y)`` gives for the current points Y (k, 3) in the camera frame the corrected observations (k, 3) and the
+    weights W (k, 3, 3) that hold there.
     """
 
     frame: Int[Array, "k"]
     point: Int[Array, "k"]
+    l: Float[Array, "k 3"]
     model: Callable[[Array], tuple[Array, Array]]
     m: int
     n: int
@@ -58,6 +59,12 @@ def solve_points(problem: Problem, R: Array, T: Array, observed: Array, W: Array
     N_inv = inverse_spd(sum_by(problem.point, np.swapaxes(R_k, 1, 2) @ WR, problem.n), "a track is not determined")
     b = sum_by(problem.point, np.einsum("kab,ka->kb", WR, observed - T[problem.frame]), problem.n)
     return np.asarray((N_inv @ b[:, :, None])[:, :, 0])
+
+
+def points_by_mean(problem: Problem, R: Array, T: Array) -> Array:
+    """Start values of the points: mean over the frames of the points in the object frame, (3.7.13)."""
+    X_k = np.einsum("kba,kb->ka", R[problem.frame], problem.l - T[problem.frame])
+    return np.asarray(sum_by(problem.point, X_k, problem.n) / np.bincount(problem.point, minlength=problem.n)[:, None])
 
 
 def _camera_points(problem: Problem, R: Array, T: Array, X: Array) -> Array:
@@ -122,10 +129,7 @@ def adjust(
     Raises
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
     """
-    frame_mean = sum_by(problem.frame, problem.model(np.full((len(problem.frame), 3), np.nan))[0], problem.m)
-    Y = frame_mean[problem.frame] / np.bincount(problem.frame, minlength=problem.m)[problem.frame, None]
-    observed, W = problem.model(Y)
-    cost, X = _cost(problem, R, T, observed, W)
+    X = points_by_mean(problem, R, T)
     for iteration in range(1, max_iterations + 1):
         observed, W = problem.model(_camera_points(problem, R, T, X))
         cost, X = _cost(problem, R, T, observed, W)
@@ -213,5 +217,3 @@ def redundancy(problem: Problem) -> int:
     """3k - (6m + 3n) + 6: the datum conditions count (2.1.28)."""
     return 3 * len(problem.frame) - 6 * problem.m - 3 * problem.n + 6
 
-
-__all__ = ["Problem", "Reduced", "SingularSystem", "Solution", "adjust", "align", "motion_covariance", "redundancy"]

@@ -1,0 +1,190 @@
+"""The sliding-window adjustment: the estimator of Siegemund 2008 as one configurable callable."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from estimators.estimate import EstimationFailed, Failure, TrajectoryEstimate, WindowEstimate
+from estimators.gauss_markov import SingularSystem
+from estimators.stereo import initial_values, windows
+from estimators.stereo.depth_bias import Weights, observation_model
+from estimators.stereo.initial_values import Axes
+from estimators.stereo.object_motion import Problem, Stop, adjust, align, motion_covariance, points_by_mean, redundancy
+from estimators.stereo.triangulation import triangulate
+from estimators.stereo.vehicle import interpret
+from sim.camera import StereoRig
+from sim.observations import Observations
+from sim.pose import Pose
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Points:
+    """Triangulated observations of the whole sequence, flat, in front of the cameras."""
+
+    frame: Int[Array, "k"]
+    track: Int[Array, "k"]
+    l: Float[Array, "k 3"]
+    C: Float[Array, "k 3 3"]
+    W_uv: Float[Array, "k 4 4"]
+
+
+@dataclass(frozen=True)
+class SlidingWindowAdjustment:
+    """Motion and shape of a rigid object by least-squares adjustment over a sliding window (Siegemund 2008, ch. 3-4).
+
+    window: number of frames m; start_window: m0, the first adjustment waits for so many; min_overlap: frames a track
+    shares with the window at least (3.3); weights "observed", "averaged" or "estimated" with second_order correction
+    (4.1.2-4.1.3); initial: axes of the start values (3.7.1.1); propagate: start from the last window where there is one
+    (3.7.1.2), which also keeps the object frame; stop, tolerance, max_iterations of Gauss-Newton (2.1.5).
+    """
+
+    window: int = 10
+    start_window: int = 3
+    min_overlap: int = 2
+    weights: Weights = "estimated"
+    second_order: bool = True
+    initial: Axes = "principal_axes_xz"
+    propagate: bool = True
+    stop: Stop = "decrement"
+    tolerance: float = 1e-6
+    max_iterations: int = 50
+
+    def __post_init__(self) -> None:
+        allowed = {
+            "window": self.window >= 2,
+            "start_window": 2 <= self.start_window <= self.window,
+            "min_overlap": 2 <= self.min_overlap <= self.window,
+            "tolerance": self.tolerance > 0,
+            "max_iterations": self.max_iterations >= 1,
+        }
+        for name, good in allowed.items():
+            if not good:
+                raise ValueError(f"SlidingWindowAdjustment.{name}: {getattr(self, name)} is out of range")
+
+    def __call__(self, observations: Observations) -> TrajectoryEstimate | EstimationFailed:
+        started = time.perf_counter()
+        points = _triangulated(observations)
+        observed_frames = np.unique(points.frame)
+        results: list[WindowEstimate] = []
+        failures: list[Failure] = []
+        for newest in range(len(observations.t_s)):
+            window = windows.sliding(observed_frames, newest, self.window)
+            if len(window) < self.start_window:
+                continue
+            previous = results[-1] if results and self.propagate else None
+            result = self._adjust_window(observations, points, newest, window, previous)
+            if isinstance(result, WindowEstimate):
+                results.append(result)
+            else:
+                failures.append(Failure(newest, result.reason, result.hints))
+        if not results:
+            reason = failures[0].reason if failures else "no window has enough frames with three tracks or more"
+            return EstimationFailed(reason, (f"{len(failures)} windows failed", "lower start_window or window"))
+        return TrajectoryEstimate(
+            t_s=observations.t_s,
+            windows=tuple(results),
+            failures=tuple(failures),
+            interpretation=interpret(results, observations.t_s, observations.T_wc),
+            T_wc=observations.T_wc,
+            runtime_s=time.perf_counter() - started,
+        )
+
+    def _adjust_window(
+        self,
+        observations: Observations,
+        points: _Points,
+        newest: int,
+        window: Int[Array, "m"],
+        previous: WindowEstimate | None,
+    ) -> WindowEstimate | EstimationFailed:
+        if window[-1] != newest:
+            return EstimationFailed("the newest frame has no observation")
+        rows, frames = windows.select(points.frame, points.track, window, self.min_overlap)
+        if len(frames) < 2 or frames[-1] != newest:
+            return EstimationFailed(
+                "the newest frame shares fewer than three tracks with the window", ("the tracks are too short",)
+            )
+        problem, tracks = _problem(observations.rig, points, rows, frames, self)
+        reason = ""
+        for start in _starts(problem, observations.t_s, frames, previous, self.initial):
+            try:
+                return self._solve(problem, start, frames, tracks, observations.t_s, previous)
+            except SingularSystem as error:
+                reason = reason or str(error)
+        return EstimationFailed(reason, ("too few or collinear tracks", "outliers among the tracks"))
+
+    def _solve(
+        self,
+        problem: Problem,
+        start: tuple[Array, Array],
+        frames: Int[Array, "m"],
+        tracks: Int[Array, "n"],
+        t_s: Float[Array, "f"],
+        previous: WindowEstimate | None,
+    ) -> WindowEstimate:
+        s = adjust(problem, *start, self.stop, self.tolerance, self.max_iterations)
+        X_start = points_by_mean(problem, *start)
+        if previous is not None:
+            _, old, new = np.intersect1d(previous.track, tracks, return_indices=True)
+            X_start[new] = previous.X_o[old]
+        Q, shift = align(s.X, X_start)
+        R = s.R @ Q.T
+        cov = motion_covariance(problem.frame, problem.point, s.R, s.X, s.W, t_s[frames[-1]] - t_s[frames[-2]])
+        r = redundancy(problem)
+        return WindowEstimate(
+            frames=frames,
+            T_co=Pose(R, s.T - (R @ shift[:, None])[:, :, 0]),
+            track=tracks,
+            X_o=s.X @ Q.T + shift,
+            cov=cov,
+            sigma_0=float(np.sqrt(s.cost / r)) if r > 0 else float("nan"),
+            redundancy=r,
+            iterations=s.iterations,
+            cost=s.cost,
+        )
+
+
+def _triangulated(observations: Observations) -> _Points:
+    tracks = observations.tracks
+    l, C = triangulate(observations.rig, tracks.uv, tracks.cov)
+    good = np.isfinite(l).all(axis=1)
+    return _Points(tracks.frame[good], tracks.track[good], l[good], C[good], np.linalg.inv(tracks.cov[good]))
+
+
+def _problem(
+    rig: StereoRig, points: _Points, rows: Array, frames: Array, config: SlidingWindowAdjustment
+) -> tuple[Problem, Int[Array, "n"]]:
+    tracks, point = np.unique(points.track[rows], return_inverse=True)
+    frame = np.searchsorted(frames, points.frame[rows])
+    l = points.l[rows]
+    model: Callable[[Array], tuple[Array, Array]] = observation_model(
+        rig, l, points.C[rows], points.W_uv[rows], config.weights, config.second_order
+    )
+    return Problem(frame, point, l, model, len(frames), len(tracks)), tracks
+
+
+def _starts(
+    problem: Problem, t_s: Array, frames: Array, previous: WindowEstimate | None, axes: Axes
+) -> list[tuple[Array, Array]]:
+    """Start values in the order they are tried: propagated from the last window, then from the cloud."""
+    starts = [initial_values.from_cloud(problem.frame, problem.l, problem.m, axes)]
+    if previous is None:
+        return starts
+    known, old, new = np.intersect1d(previous.frames, frames, return_indices=True)
+    if len(known) < 2 or len(frames) - len(known) > 1:
+        return starts
+    R, T = np.empty((len(frames), 3, 3)), np.empty((len(frames), 3))
+    R[new], T[new] = previous.T_co.R[old], previous.T_co.t[old]
+    if len(known) < len(frames):
+        last = old[-2:]
+        R[-1], T[-1] = initial_values.extrapolate(
+            previous.T_co.R[last], previous.T_co.t[last], t_s[known[-2:]], float(t_s[frames[-1]])
+        )
+    return [(R, T), *starts]
