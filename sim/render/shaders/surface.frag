@@ -1,0 +1,80 @@
+#version 330 core
+
+in vec3 v_ray;
+in vec3 v_color;
+in vec3 v_sun;
+in vec3 v_ambient;
+uniform float haze_per_m;
+uniform vec3 haze_color;
+uniform float exposure;
+#ifdef WITH_GLOSS
+in vec3 v_normal;
+in float v_gloss;
+uniform sampler2D sky;
+uniform vec3 to_sun;
+uniform vec3 sun_glint;
+#endif
+#ifdef WITH_TEXTURE
+in vec2 v_uv;
+uniform sampler2D image;
+#endif
+#ifdef WITH_SHADOWS
+in vec3 v_sun_box;
+in vec3 v_zenith_box;
+uniform sampler2DShadow sun_map;
+uniform sampler2DShadow zenith_map;
+uniform vec2 sun_step;                   // penumbra and occlusion radius in map coordinates
+uniform vec2 zenith_step;
+#endif
+out vec4 pixel;
+
+// Filmic response with its gamma, a rational fit (Hejl and Burgess-Dawson 2010); the same in surface.frag and sky.frag.
+vec3 tone(vec3 light)
+{
+    vec3 x = max(light - 0.004, 0.0);
+    return (x * (6.2 * x + 0.5)) / (x * (6.2 * x + 1.7) + 0.06);
+}
+
+#ifdef WITH_SHADOWS
+float lit(sampler2DShadow map, vec3 p, vec2 d)
+{
+    return 0.25 * (texture(map, p + vec3(d.x, 0.4 * d.y, 0.0)) + texture(map, p + vec3(-0.4 * d.x, d.y, 0.0)) +
+                   texture(map, p + vec3(-d.x, -0.4 * d.y, 0.0)) + texture(map, p + vec3(0.4 * d.x, -d.y, 0.0)));
+}
+#endif
+
+void main()
+{
+    vec3 albedo = v_color;
+#ifdef WITH_TEXTURE
+    albedo *= texture(image, v_uv).rgb;
+#endif
+    float sunlit = 1.0;
+    float open = 1.0;
+#ifdef WITH_SHADOWS
+    sunlit = lit(sun_map, v_sun_box, sun_step);
+    open = 0.25 + 0.75 * lit(zenith_map, v_zenith_box, zenith_step);
+#endif
+    vec3 light = albedo * (v_sun * sunlit + v_ambient * open);
+#ifdef WITH_GLOSS
+    float inverse = inversesqrt(dot(v_ray, v_ray));
+    vec3 ray = v_ray * inverse;
+    vec3 n = normalize(v_normal);
+    float cosine = clamp(-dot(ray, n), 0.0, 1.0);
+    vec3 mirrored = ray + 2.0 * cosine * n;
+    float grazing = (1.0 - cosine) * (1.0 - cosine);
+    // Schlick's Fresnel term; surfaces of little gloss are rough and mirror a blurred sky.
+    float share = v_gloss + (1.0 - v_gloss) * grazing * grazing * (1.0 - cosine) * min(1.0, 16.0 * v_gloss);
+    float smoothness = min(1.0, 24.0 * v_gloss);
+    vec2 at = 0.5 + 0.5 * mirrored.xy * inversesqrt(2.0 * max(1.0 + mirrored.z, 0.002));
+    vec3 seen = textureLod(sky, at, 6.0 * (1.0 - smoothness)).rgb;
+    float glint = clamp(dot(mirrored, to_sun), 0.0001, 1.0);
+    seen = seen * mix(open, 1.0, 0.35) + sun_glint * (pow(glint, 512.0) * sunlit * smoothness);
+    light = mix(light, seen, share);
+    float distance = inverse * dot(v_ray, v_ray);
+#else
+    float distance = sqrt(dot(v_ray, v_ray));
+#endif
+    light = mix(haze_color, light, exp2(-haze_per_m * distance));
+    pixel = vec4(tone(light * exposure), 1.0);
+}
