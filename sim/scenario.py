@@ -1,0 +1,422 @@
+"""The world and the measurement as frozen, validated specs (unknown keys refused). Estimators come in `scenarios.spec`.
+
+Degrees appear here and nowhere deeper; every angle key ends in ``_deg`` or ``_dps``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+
+class ScenarioError(ValueError):
+    """The user's input is wrong: one line that names file and key, what was found and what is allowed."""
+
+
+class Spec(BaseModel):
+    """Base of all specs: frozen, strict about unknown keys and non-finite numbers."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.+-]*$", max_length=60)]
+
+
+class Nominal(Spec):
+    """What the estimators believe of the rig where it differs from the truth."""
+
+    focal_px: Positive | None = None
+    baseline_m: Positive | None = None
+    right_rotation_deg: tuple[float, float, float] | None = None
+
+
+class Rig(Spec):
+    """Stereo rig; both cameras alike, the right one ``baseline_m`` to the right and turned by a rotation vector."""
+
+    size_px: tuple[Annotated[int, Field(ge=16, le=16384)], Annotated[int, Field(ge=16, le=16384)]] = (1024, 768)
+    focal_px: Positive = 1000.0
+    principal_px: tuple[float, float] | None = None
+    """Principal point; the image centre by default."""
+    distortion: tuple[float, float, float, float, float] = (0, 0, 0, 0, 0)
+    """Brown coefficients k1, k2, p1, p2, k3 in OpenCV's order."""
+    baseline_m: Positive = 0.30
+    right_rotation_deg: tuple[float, float, float] = (0, 0, 0)
+    """Rotation vector of the right camera against the left one, camera axes."""
+    height_m: Positive = 1.0
+    pitch_deg: Annotated[float, Field(gt=-45, lt=45)] = 0.0
+    """Upwards positive."""
+    rate_hz: Positive = 25.0
+    frames: Annotated[int, Field(ge=1, le=100_000)] | None = None
+    """Number of stereo frames; in a replay by default as many as the label has."""
+    nominal: Nominal = Nominal()
+
+
+Point2 = tuple[float, float]
+
+
+class Straight(Spec):
+    """Constant velocity; ``start_m`` is the ground point (x, y) below the middle of the rear axle."""
+
+    kind: Literal["straight"]
+    start_m: Point2
+    heading_deg: float = 0.0
+    speed_mps: NonNegative = 10.0
+
+
+class Crossing(Spec):
+    """Constant velocity across the view at a distance, in front of the camera in the middle of the sequence."""
+
+    kind: Literal["crossing"]
+    distance_m: Positive = 20.0
+    speed_mps: Positive = 10.0
+    towards: Literal["right", "left"] = "right"
+
+
+class Turning(Spec):
+    """Straight on, clothoid in, arc, clothoid out: the yaw rate is a trapezoid over time, positive to the left."""
+
+    kind: Literal["turning"]
+    start_m: Point2
+    heading_deg: float = 0.0
+    speed_mps: Positive = 8.0
+    turn_deg: float = 90.0
+    yaw_rate_dps: Positive = 20.0
+    straight_s: NonNegative = 0.4
+    clothoid_s: Positive = 0.5
+
+    @model_validator(mode="after")
+    def _room_for_clothoids(self) -> Turning:
+        if abs(self.turn_deg) < self.yaw_rate_dps * self.clothoid_s:
+            raise ValueError(f"turn_deg: |{self.turn_deg}| is less than both clothoids turn alone")
+        return self
+
+
+class Braking(Spec):
+    """Constant speed, then a deceleration that builds up within ``rise_s`` until ``final_speed_mps``."""
+
+    kind: Literal["braking"]
+    start_m: Point2
+    heading_deg: float = 0.0
+    speed_mps: Positive = 15.0
+    deceleration_mps2: Annotated[float, Field(gt=0, le=15)] = 6.0
+    brake_s: NonNegative = 0.5
+    rise_s: Positive = 0.2
+    final_speed_mps: NonNegative = 0.0
+
+
+class StopAndGo(Spec):
+    """Periods of driving and standing with smooth changes of speed, as in a queue."""
+
+    kind: Literal["stop_and_go"]
+    start_m: Point2
+    heading_deg: float = 0.0
+    speed_mps: Positive = 6.0
+    drive_s: Positive = 1.5
+    stand_s: NonNegative = 0.7
+    change_s: Positive = 0.8
+
+
+class Labels(Spec):
+    """Replay of one track of a KITTI tracking label file, in a flat world, smoothed to the frame rate."""
+
+    kind: Literal["labels"]
+    labels: Path
+    track: Annotated[int, Field(ge=0)] = 0
+    label_rate_hz: Positive = 10.0
+    smoothing_m: NonNegative = 0.10
+    """Standard deviation of a label's position that the smoothing assumes."""
+    smoothing_deg: NonNegative = 3.0
+    """Standard deviation of a label's heading that the smoothing assumes."""
+
+
+Motion = Annotated[
+    Straight | Crossing | Turning | Braking | StopAndGo | Labels, Field(discriminator="kind")
+]
+
+
+class Ego(Spec):
+    """The car that carries the rig: it stands, drives a motion, or follows measured camera poses.
+
+    The motion is that of the ground point below the left camera.
+    """
+
+    motion: Annotated[Straight | Turning | Braking | StopAndGo, Field(discriminator="kind")] | None = None
+    poses: Path | None = None
+    """KITTI poses, a row-major 3x4 camera pose a line, at the rate of the labels."""
+    observed: bool | None = None
+    """Whether estimators are given the ego poses; by default where the ego car moves."""
+    sigma_position_m: NonNegative = 0.0
+    sigma_rotation_deg: NonNegative = 0.0
+    """Noise of the observed ego poses."""
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> Ego:
+        if self.motion is not None and self.poses is not None:
+            raise ValueError("ego: give either motion or poses")
+        return self
+
+
+class Vehicle(Spec):
+    """A vehicle: one of the built-in kinds, a mesh file, or a transparent grid of points."""
+
+    name: Name
+    mesh: str = "sedan"
+    """sedan, hatchback, estate, van, lorry, bus, point_grid, label (kind and size from the label), or a mesh file."""
+    size_m: tuple[Positive, Positive, Positive] | None = None
+    """Length, width, height."""
+    grid: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 4, 5)
+    """Points of a point_grid along its length, width and height."""
+    forward: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+x"
+    up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+z"
+    """Axes of a mesh file."""
+    color: Literal["white", "silver", "grey", "black", "red", "blue", "green"] | None = None
+    motion: Motion
+
+
+class Road(Spec):
+    """The static world beside and below the traffic."""
+
+    roadside: bool = True
+    """Buildings, trees, signs and street furniture."""
+    lanes: Annotated[int, Field(ge=1, le=6)] = 2
+    crossing_at_m: float | None = None
+    """Distance of a crossing road, if there is one."""
+    sun_azimuth_deg: float = 230.0
+    """Clockwise from the driving direction."""
+    sun_elevation_deg: Annotated[float, Field(gt=5, le=90)] = 42.0
+
+
+class Render(Spec):
+    """Pictures of the run; an estimator on projected points needs none."""
+
+    enabled: bool = True
+    supersample: Annotated[int, Field(ge=1, le=4)] = 2
+    shadows: bool = True
+    blur_px: NonNegative = 0.6
+    noise_grey: NonNegative = 2.5
+    """Standard deviation of the sensor noise at mid-grey, in grey levels."""
+    exposure: Positive = 1.0
+    truth_images: bool = True
+    """Depth and instance masks, written beside the truth."""
+    flow: bool = False
+    """Optical flow to the next frame, written beside the truth."""
+
+
+class Measure(Spec):
+    """Measured points of the target."""
+
+    model_config = ConfigDict(populate_by_name=True)
+
+    source: Literal["projection"] = Field(default="projection", alias="from")
+    target: str | None = None
+    """Name of the observed vehicle; the first one by default."""
+    points: Annotated[int, Field(ge=1, le=20_000)] = 120
+    """Tracks at a time, as far as so many surface points are in view."""
+    sigma_px: NonNegative = 0.2
+    stated_sigma_px: Positive | None = None
+    """What estimators are told; the injected sigma by default."""
+    occlusion: bool = True
+    missing_frames: tuple[Annotated[int, Field(ge=0)], ...] = ()
+    """Frames without any measurement."""
+
+    @model_validator(mode="after")
+    def _stated(self) -> Measure:
+        if self.sigma_px == 0 and self.stated_sigma_px is None:
+            raise ValueError("stated_sigma_px: give a positive value where sigma_px is 0")
+        return self
+
+    @property
+    def stated(self) -> float:
+        return self.sigma_px if self.stated_sigma_px is None else self.stated_sigma_px
+
+
+class _Outlier(Spec):
+    tracks: Fraction = 0.1
+    """Share of the tracks that are outliers of this kind."""
+
+
+class NoiseOutlier(_Outlier):
+    """Coarse noise in all four coordinates of some frames (Siegemund 2008, 3.4.4)."""
+
+    kind: Literal["noise"]
+    frames: Annotated[int, Field(ge=1)] = 10
+    sigma_px: Positive = 2.0
+    min_px: NonNegative = 2.0
+    """Smallest absolute value of the added noise."""
+
+    @model_validator(mode="after")
+    def _reachable(self) -> NoiseOutlier:
+        if self.min_px > 6 * self.sigma_px:
+            raise ValueError(f"min_px: {self.min_px} is beyond 6 sigma_px")
+        return self
+
+
+class StereoOutlier(_Outlier):
+    """Wrong stereo match: the right coordinates are those of another point near the epipolar line."""
+
+    kind: Literal["stereo"]
+    frames: Annotated[int, Field(ge=1)] = 3
+
+
+class TemporalOutlier(_Outlier):
+    """Wrong temporal match: the track jumps to another surface point and stays there."""
+
+    kind: Literal["temporal"]
+    radius_px: Positive = 25.0
+
+
+class SegmentationOutlier(_Outlier):
+    """Wrong segmentation: the track lies on a neighbour vehicle, or on the background."""
+
+    kind: Literal["segmentation"]
+    on: str = "background"
+    """"background" or the name of another vehicle."""
+
+
+class ReflectionOutlier(_Outlier):
+    """A mirrored light that wanders over the body as the geometry changes."""
+
+    kind: Literal["reflection"]
+
+
+Outlier = Annotated[
+    NoiseOutlier | StereoOutlier | TemporalOutlier | SegmentationOutlier | ReflectionOutlier,
+    Field(discriminator="kind"),
+]
+
+
+class Scenario(Spec):
+    """A stereo scenario: the world and its measurement."""
+
+    title: str
+    source: str = ""
+    kind: Literal["stereo"]
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 1
+    rig: Rig = Rig()
+    ego: Ego = Ego()
+    world: Road = Road()
+    render: Render = Render()
+    vehicle: Annotated[tuple[Vehicle, ...], Field(min_length=1)]
+    measure: Measure = Measure()
+    outliers: tuple[Outlier, ...] = ()
+
+    @field_validator("vehicle")
+    @classmethod
+    def _unique_names(cls, vehicles: tuple[Vehicle, ...]) -> tuple[Vehicle, ...]:
+        names = [v.name for v in vehicles]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"the name {name!r} is used {names.count(name)} times")
+        return vehicles
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scenario:
+        names = [v.name for v in self.vehicle]
+        if self.measure.target is not None:
+            _choose("measure.target", self.measure.target, names)
+        for i, outlier in enumerate(self.outliers):
+            if isinstance(outlier, SegmentationOutlier):
+                others = [n for n in names if n != self.target.name]
+                _choose(f"outliers.{i}.on", outlier.on, ["background", *others])
+        if self.rig.frames is None and not isinstance(self.target.motion, Labels):
+            raise ValueError("rig.frames: a number is needed unless the target's motion is a replay of labels")
+        if sum(o.tracks for o in self.outliers) > 1 + 1e-9:
+            raise ValueError("outliers: the shares of tracks add up to more than 1")
+        return self
+
+    @property
+    def target(self) -> Vehicle:
+        wanted = self.measure.target or self.vehicle[0].name
+        return next(v for v in self.vehicle if v.name == wanted)
+
+    @property
+    def target_index(self) -> int:
+        return self.vehicle.index(self.target)
+
+    @property
+    def run_seconds(self) -> float:
+        """Time from the first to the last frame, where ``rig.frames`` is given [s]."""
+        return 0.0 if self.rig.frames is None else (self.rig.frames - 1) / self.rig.rate_hz
+
+
+def nearest(word: str, allowed: list[str]) -> str:
+    """"(did you mean 'x'?)" where an allowed word is near, else the allowed words."""
+    close = difflib.get_close_matches(word, allowed, n=1, cutoff=0.5)
+    if close:
+        return f"did you mean {close[0]!r}?"
+    return "allowed: " + ", ".join(allowed)
+
+
+def _choose(key: str, found: str, allowed: list[str]) -> None:
+    if found not in allowed:
+        raise ValueError(f"{key}: found {found!r}, {nearest(found, allowed)}")
+
+
+def radians(degrees: float) -> float:
+    return math.radians(degrees)
+
+
+def explain(error: ValidationError, root: type[BaseModel], where: str) -> str:
+    """One line for the first error of a validation: file, key, what was found, what is allowed."""
+    e = error.errors(include_url=False)[0]
+    loc, owner = _locate(root, e["loc"], e)
+    key = ".".join(loc)
+    found = e["input"]
+    if e["type"] == "extra_forbidden":
+        fields = [f.alias or n for n, f in owner.model_fields.items()]
+        return f"{where}: unknown key {key!r}, {nearest(loc[-1], fields)}"
+    if e["type"] == "missing":
+        return f"{where}: key {key!r} is missing"
+    if e["type"] in ("literal_error", "union_tag_invalid"):
+        text = e["ctx"].get("expected") or e["ctx"]["expected_tags"]
+        allowed = [w.strip().strip("'") for w in str(text).replace(" or ", ", ").split(",")]
+        value = e["ctx"].get("tag", found)
+        key = key if e["type"] == "literal_error" else f"{key}.kind"
+        return f"{where}: {key}: found {value!r}, {nearest(str(value), allowed)}"
+    if e["type"] == "union_tag_not_found":
+        return f"{where}: key '{key}.kind' is missing"
+    message = str(e["msg"]).removeprefix("Value error, ")
+    shown = f", found {found!r}" if not isinstance(found, (dict, list, tuple, BaseModel)) and len(repr(found)) < 80 else ""
+    return f"{where}: {key + ': ' if key else ''}{message[0].lower() + message[1:]}{shown}"
+
+
+def _locate(root: type[BaseModel], loc: tuple[Any, ...], e: Any) -> tuple[list[str], type[BaseModel]]:
+    """Dotted key without the tags pydantic adds for unions, and the model that owns its last part."""
+    tags = {m.model_fields["kind"].annotation.__args__[0]: m for m in _kinds(Spec)}  # type: ignore[union-attr]
+    parts: list[str] = []
+    owner = root
+    for i, part in enumerate(loc):
+        if isinstance(part, str) and part in tags and parts and part not in owner.model_fields:
+            owner = tags[part]
+            continue
+        parts.append(str(part))
+        if i < len(loc) - 1 and isinstance(part, str):
+            owner = _model_of(owner, part) or owner
+    return parts, owner
+
+
+def _kinds(base: type[BaseModel]) -> list[type[BaseModel]]:
+    found = []
+    for sub in base.__subclasses__():
+        if "kind" in sub.model_fields and not issubclass(sub, Scenario):
+            found.append(sub)
+        found += _kinds(sub)
+    return found
+
+
+def _model_of(owner: type[BaseModel], name: str) -> type[BaseModel] | None:
+    field = next((f for n, f in owner.model_fields.items() if name in (n, f.alias)), None)
+    stack = [] if field is None else [field.annotation]
+    while stack:
+        annotation = stack.pop()
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            return annotation
+        stack += getattr(annotation, "__args__", ())
+    return None
