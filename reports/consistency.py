@@ -1,0 +1,102 @@
+"""Whether errors agree with the stated covariance (NEES), and with the best any estimator could do (Cramer-Rao)."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from scipy.stats import chi2
+
+from estimators.estimate import TrajectoryEstimate
+from estimators.gauss_markov import SingularSystem
+from estimators.stereo.object_motion import motion_covariance
+from reports.windows import WindowComparison, at_reference
+from sim.observations import Tracks
+from sim.truth import INLIER, Truth
+
+Array = np.ndarray
+DOF = 6
+NO_BOUND = np.full((12, 12), np.nan)
+NEES_COLUMNS = ["scenario", "seed", "run", "estimator", "quantity", "t_s", "nees", "disjoint"]
+
+
+def nees(error: Float[Array, "*b k"], cov: Float[Array, "*b k k"]) -> Float[Array, "*b"]:
+    """Normalised estimation error squared, ``e' C^-1 e``: chi-square with k degrees of freedom if C is honest."""
+    return np.asarray(np.sum(error * np.linalg.solve(cov, error[..., None])[..., 0], axis=-1))
+
+
+def band(dof: int, n: int, level: float = 0.99) -> tuple[float, float]:
+    """Band of the mean of n independent NEES values over its degrees of freedom; expectation 1."""
+    tail = (1 - level) / 2
+    return float(chi2.ppf(tail, dof * n)) / (dof * n), float(chi2.ppf(1 - tail, dof * n)) / (dof * n)
+
+
+def window_nees(c: WindowComparison) -> dict[str, float]:
+    """NEES of a window's pose (centroid, rotation) and motion (velocity of the reference point, angular rate).
+
+    Errors are estimate minus truth in left camera axes, the covariance is the one of the stated sigmas.
+    """
+    pose = np.concatenate([c.estimate.position - c.truth.position, c.orientation])
+    motion = np.concatenate([c.estimate.velocity - c.truth.velocity, c.estimate.omega - c.truth.omega])
+    return {
+        "pose": float(nees(pose, c.window.cov[:6, :6])),
+        "velocity": float(nees(motion, at_reference(c.window.cov, c.estimate)[6:, 6:])),
+    }
+
+
+def disjoint_windows(estimate: TrajectoryEstimate) -> frozenset[int]:
+    """Newest frames of windows that share no frame with one another, chosen greedily from the first.
+
+    Overlapping windows use the same observations; only disjoint ones are independent.
+    """
+    chosen: list[int] = []
+    for w in estimate.windows:
+        if not chosen or w.frames[0] > chosen[-1]:
+            chosen.append(int(w.frames[-1]))
+    return frozenset(chosen)
+
+
+def nees_table(
+    truth: Truth,
+    estimate: TrajectoryEstimate,
+    comparisons: list[WindowComparison],
+    *,
+    scenario: str,
+    seed: int,
+    run: int,
+    estimator: str,
+) -> pd.DataFrame:
+    """NEES of every window, quantity "pose" and "velocity" (with rate), six degrees of freedom each.
+
+    ``disjoint`` marks the windows that may be pooled within one run. Over independent runs, pool one fixed window.
+    """
+    independent = disjoint_windows(estimate)
+    rows = [
+        (scenario, seed, run, estimator, quantity, float(truth.t_s[c.frame]), value, c.frame in independent)
+        for c in comparisons
+        for quantity, value in window_nees(c).items()
+    ]
+    return pd.DataFrame(rows, columns=NEES_COLUMNS)
+
+
+def cramer_rao(truth: Truth, tracks: Tracks, c: WindowComparison) -> Float[Array, "12 12"]:
+    """Cramer-Rao bound of the functionals of `WindowEstimate.cov` over a window's inlier tracks.
+
+    Fisher information of the image coordinates at the true geometry with the injected noise: ``W = J' J / sigma²`` with
+    J the Jacobian of the projection. NaN where the rows do not determine it or the noise is zero.
+    """
+    frames = c.window.frames
+    rows = np.isin(tracks.frame, frames) & np.isin(tracks.track, c.track) & (truth.labels.kind == INLIER)
+    seen, frame = np.unique(tracks.frame[rows], return_inverse=True)
+    present, point = np.unique(tracks.track[rows], return_inverse=True)
+    sigma = truth.labels.sigma_px[rows]
+    if len(present) < len(c.track) or not np.isin(frames[-2:], seen).all() or not np.all(sigma > 0):
+        return NO_BOUND
+    X_v = truth.point_v[np.searchsorted(truth.track, present)]
+    T_cv = truth.T_cv[seen]
+    J = truth.rig.project_jacobian(T_cv[frame].apply(X_v[point]))
+    W = np.swapaxes(J, 1, 2) @ J / sigma[:, None, None] ** 2
+    try:
+        return motion_covariance(frame, point, T_cv.R, X_v, W, c.truth.dt_s)
+    except SingularSystem:
+        return NO_BOUND

@@ -1,0 +1,140 @@
+"""Truth and estimate side by side: the tidy error table, one row per scalar error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+
+from estimators.estimate import EstimationFailed, TrajectoryEstimate
+from reports.consistency import cramer_rao
+from reports.windows import WindowComparison, compare_window, inlier_tracks, standard_deviations
+from sim.observations import Tracks
+from sim.truth import Truth
+
+Array = np.ndarray
+
+ERROR_COLUMNS = ["scenario", "seed", "run", "estimator", "quantity", "unit", "t_s", "entity", "axis", "error", "sigma"]
+COMPARISON_COLUMNS = [*ERROR_COLUMNS, "truth", "estimate", "bound", "distance_m"]
+UNITS = {
+    "position": "m",
+    "orientation": "rad",
+    "reference_point": "m",
+    "velocity": "m/s",
+    "angular_rate": "rad/s",
+    "speed": "m/s",
+    "yaw_rate": "rad/s",
+    "shape": "m",
+    "failure": "1",
+}
+SMOOTHED = "smoothed"
+_AXES = {3: ("x", "y", "z"), 1: ("all",)}
+Row = tuple[str, float, str, str, float, float, float, float, float]
+
+
+def compare_windows(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> list[WindowComparison]:
+    """Every window that can be compared, in order of its newest frame."""
+    found = (compare_window(truth, tracks, w, estimate.T_wc) for w in estimate.windows)
+    return [c for c in found if c is not None]
+
+
+def comparison_table(
+    truth: Truth,
+    tracks: Tracks,
+    estimate: TrajectoryEstimate | EstimationFailed,
+    *,
+    scenario: str,
+    seed: int,
+    run: int,
+    estimator: str,
+) -> pd.DataFrame:
+    """The error table with truth, estimate, Cramer-Rao bound (a standard deviation) and true distance of every row.
+
+    Quantities of `UNITS` in axes of the left camera at t. Entity: the target's name for the newest frame of each
+    window, "smoothed" for each frame in the window that has it nearest to its middle (position only, without sigma);
+    for failures the reason. Velocity, speed and rates are differences of two frames against the truth at the instant t.
+    """
+    if isinstance(estimate, EstimationFailed):
+        rows: list[Row] = [_failure(np.nan, estimate.reason)]
+    else:
+        name = truth.bodies[truth.target].name
+        comparisons = compare_windows(truth, tracks, estimate)
+        compared = {c.frame for c in comparisons}
+        rows = [row for c in comparisons for row in _window_rows(truth, tracks, c, name)]
+        rows += _smoothed_rows(truth, tracks, estimate)
+        rows += [_failure(float(truth.t_s[f.frame]), f.reason) for f in estimate.failures]
+        rows += [
+            _failure(float(truth.t_s[w.frames[-1]]), "too few true tracks or frames to compare")
+            for w in estimate.windows
+            if int(w.frames[-1]) not in compared
+        ]
+    columns = ["quantity", "t_s", "entity", "axis", "sigma", "truth", "estimate", "bound", "distance_m"]
+    table = pd.DataFrame(rows, columns=columns)
+    table = table.assign(
+        scenario=scenario,
+        seed=seed,
+        run=run,
+        estimator=estimator,
+        unit=table["quantity"].map(UNITS),
+        error=table["estimate"] - table["truth"],
+    )
+    return table[COMPARISON_COLUMNS]
+
+
+def error_table(
+    truth: Truth,
+    tracks: Tracks,
+    estimate: TrajectoryEstimate | EstimationFailed,
+    *,
+    scenario: str,
+    seed: int,
+    run: int,
+    estimator: str,
+) -> pd.DataFrame:
+    """The columns of errors.parquet; see `comparison_table`. A failed estimation has rows too."""
+    table = comparison_table(truth, tracks, estimate, scenario=scenario, seed=seed, run=run, estimator=estimator)
+    return table[ERROR_COLUMNS]
+
+
+def _failure(t_s: float, reason: str) -> Row:
+    return ("failure", t_s, reason, "all", np.nan, 0.0, 1.0, np.nan, np.nan)
+
+
+def _window_rows(truth: Truth, tracks: Tracks, c: WindowComparison, name: str) -> Iterator[Row]:
+    e, t = c.estimate, c.truth
+    pairs = {
+        "position": (e.position, t.position),
+        "orientation": (c.orientation, np.zeros(3)),
+        "reference_point": (e.reference, t.reference),
+        "velocity": (e.velocity, t.velocity),
+        "angular_rate": (e.omega, t.omega),
+        "speed": (np.array([e.speed]), np.array([t.speed])),
+        "yaw_rate": (np.array([e.yaw_rate]), np.array([t.yaw_rate])),
+        "shape": (np.array([c.shape_m]), np.zeros(1)),
+    }
+    sigma = standard_deviations(c.window.cov, e)
+    bound = standard_deviations(cramer_rao(truth, tracks, c), t)
+    t_s, distance = float(truth.t_s[c.frame]), float(t.position[2])
+    for quantity, (estimated, true) in pairs.items():
+        unknown = np.full(len(true), np.nan)
+        s, b = sigma.get(quantity, unknown), bound.get(quantity, unknown)
+        for i, axis in enumerate(_AXES[len(true)]):
+            yield (quantity, t_s, name, axis, s[i], true[i], estimated[i], b[i], distance)
+
+
+def _smoothed_rows(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> Iterator[Row]:
+    """Position of every frame in the window that supports it best: the one with the frame nearest to its middle."""
+    best: dict[int, tuple[float, int, int]] = {}
+    for w, window in enumerate(estimate.windows):
+        for k, frame in enumerate(window.frames.tolist()):
+            best[frame] = min(best.get(frame, (np.inf, 0, 0)), (abs(k - (len(window.frames) - 1) / 2), w, k))
+    good = [inlier_tracks(truth, tracks, w) for w in estimate.windows]
+    for frame, (_, w, k) in sorted(best.items()):
+        if not good[w].any():
+            continue
+        window = estimate.windows[w]
+        y = window.T_co[k].apply(window.X_o[good[w]]).mean(axis=0)
+        p = truth.points_c(np.array([frame]), window.track[good[w]])[0].mean(axis=0)
+        for i, axis in enumerate(_AXES[3]):
+            yield ("position", float(truth.t_s[frame]), SMOOTHED, axis, np.nan, p[i], y[i], np.nan, p[2])

@@ -1,0 +1,80 @@
+"""All that is known of one run of one estimator, as tables."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from estimators.estimate import EstimationFailed, TrajectoryEstimate
+from reports.consistency import NEES_COLUMNS, nees_table
+from reports.errors import compare_windows, comparison_table
+from sim.observations import Tracks
+from sim.truth import Truth
+
+VISIBLE_POINTS = 30  # a frame with fewer visible points need not be estimated
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Comparison and NEES tables of one run, and what they cannot hold.
+
+    wanted: frames in which enough of the target is visible, estimated: those of them with an estimate; windows tried
+    and failed; overlap: frames of the longest window; over_ground: what speed and yaw rate refer to; runtime_s NaN
+    where nothing was estimated.
+    """
+
+    scenario: str
+    seed: int
+    run: int
+    estimator: str
+    comparison: pd.DataFrame
+    nees: pd.DataFrame
+    wanted: int
+    estimated: int
+    windows: int
+    failed: int
+    overlap: int
+    over_ground: bool
+    runtime_s: float
+
+
+def evaluate(
+    truth: Truth,
+    tracks: Tracks,
+    estimate: TrajectoryEstimate | EstimationFailed,
+    *,
+    scenario: str,
+    seed: int,
+    run: int,
+    estimator: str,
+) -> Evaluation:
+    """Holds one estimate against the truth."""
+    comparison = comparison_table(truth, tracks, estimate, scenario=scenario, seed=seed, run=run, estimator=estimator)
+    wanted = truth.visible_points >= VISIBLE_POINTS
+    frames: list[int] = []
+    nees = pd.DataFrame(columns=NEES_COLUMNS)
+    windows, overlap, over_ground, runtime_s = 1, 1, False, np.nan
+    if isinstance(estimate, TrajectoryEstimate):
+        comparisons = compare_windows(truth, tracks, estimate)
+        nees = nees_table(truth, estimate, comparisons, scenario=scenario, seed=seed, run=run, estimator=estimator)
+        frames = [int(w.frames[-1]) for w in estimate.windows]
+        windows = len(estimate.windows) + len(estimate.failures)
+        overlap = max((len(w.frames) for w in estimate.windows), default=1)
+        over_ground, runtime_s = estimate.T_wc is not None, estimate.runtime_s
+    return Evaluation(
+        scenario,
+        seed,
+        run,
+        estimator,
+        comparison,
+        nees,
+        wanted=int(wanted.sum()),
+        estimated=int(wanted[frames].sum()),
+        windows=windows,
+        failed=int((comparison["quantity"] == "failure").sum()),
+        overlap=overlap,
+        over_ground=over_ground,
+        runtime_s=runtime_s,
+    )
