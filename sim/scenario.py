@@ -327,6 +327,9 @@ class Scenario(Spec):
                 _choose(f"outliers.{i}.on", outlier.on, ["background", *others])
         if self.rig.frames is None and not isinstance(self.target.motion, Labels):
             raise ValueError("rig.frames: a number is needed unless the target's motion is a replay of labels")
+        for i, v in enumerate(self.vehicle):
+            if isinstance(v.motion, Labels) and v is not self.target:
+                raise ValueError(f"vehicle.{i}.motion: only the target can replay labels")
         if sum(o.tracks for o in self.outliers) > 1 + 1e-9:
             raise ValueError("outliers: the shares of tracks add up to more than 1")
         return self
@@ -363,60 +366,59 @@ def radians(degrees: float) -> float:
     return math.radians(degrees)
 
 
-def explain(error: ValidationError, root: type[BaseModel], where: str) -> str:
-    """One line for the first error of a validation: file, key, what was found, what is allowed."""
+def explain(error: ValidationError, root: type[BaseModel]) -> str:
+    """One line for the first error of a validation: key, what was found, what is allowed."""
     e = error.errors(include_url=False)[0]
-    loc, owner = _locate(root, e["loc"], e)
-    key = ".".join(loc)
-    found = e["input"]
+    parts, owner = _locate(root, e["loc"])
+    key, found = ".".join(parts), e["input"]
     if e["type"] == "extra_forbidden":
         fields = [f.alias or n for n, f in owner.model_fields.items()]
-        return f"{where}: unknown key {key!r}, {nearest(loc[-1], fields)}"
-    if e["type"] == "missing":
-        return f"{where}: key {key!r} is missing"
+        return f"{key}: unknown key, {nearest(parts[-1], fields)}"
+    if e["type"] in ("missing", "union_tag_not_found"):
+        return f"{key}{'' if e['type'] == 'missing' else '.kind'}: key is missing"
     if e["type"] in ("literal_error", "union_tag_invalid"):
         text = e["ctx"].get("expected") or e["ctx"]["expected_tags"]
         allowed = [w.strip().strip("'") for w in str(text).replace(" or ", ", ").split(",")]
         value = e["ctx"].get("tag", found)
-        key = key if e["type"] == "literal_error" else f"{key}.kind"
-        return f"{where}: {key}: found {value!r}, {nearest(str(value), allowed)}"
-    if e["type"] == "union_tag_not_found":
-        return f"{where}: key '{key}.kind' is missing"
-    message = str(e["msg"]).removeprefix("Value error, ")
-    shown = f", found {found!r}" if not isinstance(found, (dict, list, tuple, BaseModel)) and len(repr(found)) < 80 else ""
-    return f"{where}: {key + ': ' if key else ''}{message[0].lower() + message[1:]}{shown}"
+        key = key if e["type"] == "literal_error" else f"{key}.{e['ctx']['discriminator'].strip(chr(39))}"
+        return f"{key}: found {value!r}, {nearest(str(value), allowed)}"
+    message = str(e["msg"]).removeprefix("Value error, ").replace("input should be", "should be")
+    message = message.replace("Input should be", "should be")
+    plain = not isinstance(found, (dict, list, tuple, BaseModel)) and len(repr(found)) < 80
+    return f"{key + ': ' if key else ''}{message}{f', found {found!r}' if plain else ''}"
 
 
-def _locate(root: type[BaseModel], loc: tuple[Any, ...], e: Any) -> tuple[list[str], type[BaseModel]]:
-    """Dotted key without the tags pydantic adds for unions, and the model that owns its last part."""
-    tags = {m.model_fields["kind"].annotation.__args__[0]: m for m in _kinds(Spec)}  # type: ignore[union-attr]
+def _locate(root: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[list[str], type[BaseModel]]:
+    """Key without the tags pydantic adds for unions, and the model that owns its last part."""
     parts: list[str] = []
-    owner = root
+    owner: type[BaseModel] | None = root
+    choices: list[type[BaseModel]] = []
     for i, part in enumerate(loc):
-        if isinstance(part, str) and part in tags and parts and part not in owner.model_fields:
-            owner = tags[part]
+        tagged = [m for m in choices if part in _tags(m)]
+        if tagged and (owner is None or part not in owner.model_fields):
+            owner, choices = tagged[0], []
             continue
         parts.append(str(part))
-        if i < len(loc) - 1 and isinstance(part, str):
-            owner = _model_of(owner, part) or owner
-    return parts, owner
+        if isinstance(part, str) and owner is not None and i < len(loc) - 1:
+            choices = _models_of(owner, part)
+            owner = choices[0] if len(choices) == 1 else owner
+    return parts, owner or root
 
 
-def _kinds(base: type[BaseModel]) -> list[type[BaseModel]]:
-    found = []
-    for sub in base.__subclasses__():
-        if "kind" in sub.model_fields and not issubclass(sub, Scenario):
-            found.append(sub)
-        found += _kinds(sub)
-    return found
+def _tags(model: type[BaseModel]) -> tuple[str, ...]:
+    """The literal values of a model's discriminator."""
+    field = model.model_fields.get("kind") or model.model_fields.get("name")
+    return tuple(str(a) for a in getattr(field.annotation, "__args__", ())) if field else ()
 
 
-def _model_of(owner: type[BaseModel], name: str) -> type[BaseModel] | None:
+def _models_of(owner: type[BaseModel], name: str) -> list[type[BaseModel]]:
+    """The models a field may hold."""
     field = next((f for n, f in owner.model_fields.items() if name in (n, f.alias)), None)
-    stack = [] if field is None else [field.annotation]
+    stack, found = [] if field is None else [field.annotation], []
     while stack:
         annotation = stack.pop()
         if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-            return annotation
-        stack += getattr(annotation, "__args__", ())
-    return None
+            found.append(annotation)
+        else:
+            stack += getattr(annotation, "__args__", ())
+    return found

@@ -1,0 +1,194 @@
+"""A whole scenario file: the world of `sim.scenario` joined with the estimators' own constructor arguments."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import operator
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_type_hints
+
+from pydantic import Field, ValidationError, create_model, model_validator
+
+from estimators import registry
+from sim.scenario import Name, Scenario, ScenarioError, Spec, explain, nearest
+
+FOLDER = Path(__file__).parent
+# Keys that hold paths; in a file they are relative to it, on the command line to the working folder.
+_PATHS = (("vehicle", "*", "motion", "labels"), ("vehicle", "*", "mesh"), ("ego", "poses"))
+
+
+class EstimatorSpec(Spec):
+    """An estimator by its registered name, its label, and its constructor's arguments."""
+
+    label: Name | None = None
+
+    @property
+    def title(self) -> str:
+        return self.label or str(self.name)  # type: ignore[attr-defined]
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        return {k: v for k, v in self if k not in ("name", "label")}
+
+    @model_validator(mode="after")
+    def _constructible(self) -> EstimatorSpec:
+        self.build()
+        return self
+
+    def build(self) -> Any:
+        """The estimator itself; raises ValueError where its constructor does."""
+        return registry()[self.name](**self.arguments)  # type: ignore[attr-defined]
+
+
+def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
+    hints = get_type_hints(cls)
+    fields: dict[str, Any] = {"name": (Literal[name], ...)}
+    for f in dataclasses.fields(cls):
+        if f.default is not dataclasses.MISSING:
+            default: Any = f.default
+        elif f.default_factory is not dataclasses.MISSING:
+            default = Field(default_factory=f.default_factory)
+        else:
+            default = ...
+        fields[f.name] = (hints[f.name], default)
+    return create_model(f"estimator_{name}", __base__=EstimatorSpec, __doc__=cls.__doc__, **fields)
+
+
+@functools.cache
+def run_model() -> type[Scenario]:
+    """The model of a scenario file with the estimators that are installed."""
+    models = [_estimator_model(n, c) for n, c in sorted(registry().items())]
+    union = functools.reduce(operator.or_, models)  # type: ignore[arg-type]
+    one = Annotated[union, Field(discriminator="name")] if len(models) > 1 else union
+
+    class Run(Scenario):
+        """A scenario file: world, measurement and estimators."""
+
+        estimator: Annotated[tuple[one, ...], Field(min_length=1)]  # type: ignore[valid-type]
+
+        @model_validator(mode="after")
+        def _unique_labels(self) -> Run:
+            labels = [e.title for e in self.estimator]
+            for label in labels:
+                if labels.count(label) > 1:
+                    raise ValueError(f"estimator: the label {label!r} is used {labels.count(label)} times")
+            return self
+
+    Run.__name__ = "Scenario"
+    return Run
+
+
+def names() -> dict[str, Path]:
+    """The scenarios that ship with the project, by name."""
+    return {p.stem: p for p in sorted(FOLDER.glob("stereo/*.toml"))}
+
+
+def find(name_or_file: str) -> Path:
+    """The file of a scenario given by name or path.
+
+    Raises
+        ScenarioError: there is neither such a scenario nor such a file.
+    """
+    known = names()
+    if name_or_file in known:
+        return known[name_or_file]
+    path = Path(name_or_file)
+    if path.suffix != ".toml" and not path.exists():
+        raise ScenarioError(f"no scenario {name_or_file!r}, {nearest(name_or_file, list(known))}")
+    if not path.is_file():
+        raise ScenarioError(f"{path}: no such file")
+    return path
+
+
+def read(name_or_file: str, settings: Sequence[str] = (), seed: int | None = None) -> Any:
+    """The validated scenario of a file with ``key.path=value`` settings laid over it.
+
+    Raises
+        ScenarioError: one line that names file and key.
+    """
+    path = find(name_or_file)
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{path.name}: not valid TOML: {error}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from error
+    _absolutise(data, path.parent)
+    touched = [_apply(data, s) for s in settings]
+    _absolutise(data, Path.cwd())
+    if seed is not None:
+        data["seed"] = seed
+    try:
+        return run_model().model_validate(data)
+    except ValidationError as error:
+        message = explain(error, run_model())
+        raise ScenarioError(f"{'--set' if any(t in message for t in touched) else path.name}: {message}") from error
+
+
+def _apply(data: dict[str, Any], setting: str) -> str:
+    """Lays one ``key.path=value`` over the data; the value is TOML, or else a bare string."""
+    key, equals, text = setting.partition("=")
+    if not equals or not key.strip():
+        raise ScenarioError(f"--set {setting}: expected key.path=value")
+    parts = key.strip().split(".")
+    try:
+        value = tomllib.loads(f"x = {text}")["x"]
+    except tomllib.TOMLDecodeError:
+        value = text
+    node: Any = data
+    for i, part in enumerate(parts[:-1]):
+        if isinstance(node, dict):
+            node = node.setdefault(part, {})
+        else:
+            node = node[_index(node, part, ".".join(parts[: i + 1]))]
+    if isinstance(node, dict):
+        node[parts[-1]] = value
+    else:
+        node[_index(node, parts[-1], key)] = value
+    return ".".join(parts)
+
+
+def _index(node: Any, part: str, key: str) -> int:
+    if not isinstance(node, list):
+        raise ScenarioError(f"--set {key}: {key.rpartition('.')[0]!r} has no keys of its own")
+    if not part.isdigit() or int(part) >= len(node):
+        raise ScenarioError(f"--set {key}: expected an index 0..{len(node) - 1}, found {part!r}")
+    return int(part)
+
+
+def _absolutise(data: dict[str, Any], base: Path) -> None:
+    for pattern in _PATHS:
+        for owner, last in _owners(data, pattern):
+            value = owner.get(last)
+            is_path = isinstance(value, str) and (last != "mesh" or any(c in value for c in "./\\"))
+            if is_path:
+                owner[last] = str((base / value).resolve())
+
+
+def _owners(node: Any, pattern: tuple[str, ...]) -> Iterator[tuple[dict[str, Any], str]]:
+    if len(pattern) == 1:
+        if isinstance(node, dict):
+            yield node, pattern[0]
+    elif pattern[0] == "*":
+        for item in node if isinstance(node, list) else ():
+            yield from _owners(item, pattern[1:])
+    elif isinstance(node, dict):
+        yield from _owners(node.get(pattern[0]), pattern[1:])
+
+
+def input_files(spec: Scenario) -> list[Path]:
+    """Files outside the scenario that its result depends on."""
+    data = spec.model_dump(mode="json")
+    found = [owner.get(last) for pattern in _PATHS for owner, last in _owners(data, pattern)]
+    return [Path(p) for p in found if isinstance(p, str) and ("/" in p or "\\" in p)]
+
+
+def json_schema() -> dict[str, Any]:
+    """JSON Schema of scenario files."""
+    schema = run_model().model_json_schema()
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
+    schema["title"] = "pruefstand scenario"
+    return schema
