@@ -55,7 +55,24 @@ class Atlas:
         """Drawing board of a chart: side (x, z), top (x, |y|), front and rear (y, z), wheel (x, z)."""
         a, b = self.origins()[chart]
         sa, sb = self._SIGNS[chart]
-        return Board(image, (a * self.scale, b * self.scale), (sa * self.scale, sb * self.scale))
+        x0, y0, x1, y1 = (max(round(e * self.scale), 0) for e in self._extent(chart))
+        origin = (a * self.scale - x0, b * self.scale - y0)
+        return Board(image[y0:y1, x0:x1], origin, (sa * self.scale, sb * self.scale))
+
+    def _extent(self, chart: str) -> tuple[float, float, float, float]:
+        """Left, top, right, bottom of a chart with half its margin [m on the texture]."""
+        L, W, H = self.size_m
+        a, b = self.origins()[chart]
+        left, up, right, down = {
+            "side": (0.0, H, L, 0.0),
+            "top": (0.0, 0.0, L, W / 2),
+            "front": (W / 2, H, W / 2, 0.0),
+            "rear": (W / 2, H, W / 2, 0.0),
+            "wheel": (1.2 * self.wheel_m,) * 4,
+            "white": (0.08,) * 4,
+        }[chart]
+        m = _MARGIN_M / 2
+        return a - left - m, b - up - m, a + right + m, b + down + m
 
     def uv(self, chart: str, points: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
         """Texture coordinates of chart coordinates [m]."""

@@ -28,8 +28,8 @@ class Detail:
 
 
 DETAILS = (
-    Detail(0.34, 9, (6, 4), 3, 4, 4, 26, True),
-    Detail(0.8, 5, (3, 2), 1, 2, 2, 14, True),
+    Detail(0.45, 6, (5, 3), 2, 3, 4, 22, True),
+    Detail(1.0, 3, (2, 1), 1, 1, 1, 12, True),
     Detail(1.6, 0, (1, 1), 0, 1, 0, 8, False),
 )
 
@@ -120,9 +120,10 @@ def loft(hull: Hull, chassis: Chassis, detail: Detail) -> tuple[Array, Array, Ar
     vertices[-2, 0], vertices[-1, 0] = hull.top[0][0], hull.top[-1][0]
     n, m, _ = rings.shape
     # Points 0..3 of the half section are the floor's centre and edge, the sill's inner and outer edge.
-    from_floor = np.minimum(np.arange(m), m - np.arange(m))
-    low_point = np.append(np.tile(from_floor <= 3, n), [False, False])
-    return vertices, faces, low_point[faces].all(axis=1)
+    from_floor = np.minimum(np.arange(m), m - np.arange(m)) <= 3
+    low_point = np.zeros((n, m), bool)
+    low_point[detail.cap : n - detail.cap] = from_floor
+    return vertices, faces, np.append(low_point.ravel(), [False, False])[faces].all(axis=1)
 
 
 def _half_sections(hull: Hull, chassis: Chassis, detail: Detail, x: Array, low: Array, top: Array) -> Array:

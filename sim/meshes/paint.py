@@ -46,7 +46,7 @@ class Painter:
         b = self.atlas.board(chart, self.image)
         kx, ky, kz = (a / t for a, t in zip(self.atlas.size_m, self.shape.size_m, strict=True))
         factor = {"side": (kx, kz), "top": (kx, ky), "front": (ky, kz), "rear": (ky, kz)}[chart]
-        return Board(self.image, b.origin, (b.scale[0] * factor[0], b.scale[1] * factor[1]))
+        return Board(b.image, b.origin, (b.scale[0] * factor[0], b.scale[1] * factor[1]))
 
     @property
     def seam(self) -> Color:
@@ -139,14 +139,18 @@ def _heavy_flank(p: Painter, b: Board) -> None:
     """Box, stripe and lettering of a lorry; doors and stripe of a bus."""
     s = p.shape
     L, _, H = s.size_m
-    trade = str(p.rng.choice(["SPEDITION NORD", "MÖBEL KRAUSE", "FRISCHDIENST", "STADTWERKE", "BAUSTOFFE WEBER"]))
     if len(s.hulls) > 1:
         x1 = s.hulls[1].top[-1][0]
         b.rect(0, 1.0, x1, H, (0.82, 0.82, 0.80))
         b.rect(0, 1.05, x1, 0.16, p.paint)
         for x in np.arange(0.02, x1, 0.61):
             b.line([(x, 1.05), (x, H)], 0.012, (0.60, 0.60, 0.60))
-        b.text(0.8, 2.85, 0.75, 4.4, trade.replace("Ö", "OE"), p.paint)
+        wave = np.linspace(0, x1, 40)
+        crest = 1.7 + p.rng.uniform(0.2, 0.5) * np.sin(wave * p.rng.uniform(0.6, 1.2) + p.rng.uniform(0, 6))
+        b.poly([(0, 1.05), *zip(wave, crest, strict=True), (x1, 1.05)], p.paint)
+        b.disc((x1 / 2, 2.55), 0.55, p.tone(0.8))
+        b.disc((x1 / 2, 2.55), 0.42, (0.82, 0.82, 0.80))
+        b.disc((x1 / 2, 2.55), 0.30, p.tone(1.2))
         for x in np.arange(0.1, x1, 0.75):
             b.rect(x, 1.06, 0.10, 0.05, (0.80, 0.45, 0.08))
         return
@@ -340,7 +344,7 @@ def _dirt(p: Painter) -> None:
     height = (np.arange(rows) + 0.5) / scale
     H = p.atlas.size_m[2]
     for ground in (p.atlas.origins()["side"][1], p.atlas.origins()["front"][1]):
-        z = np.where((ground - height > -0.1) & (ground - height < H), ground - height, np.inf)
+        z = np.where((ground - height > -0.03) & (ground - height < H), ground - height, np.inf)
         dust += (0.55 * np.exp(-np.maximum(z, 0) / 0.28)).astype(np.float32)[:, None]
     dust = np.clip((dust + 0.03) * (1 + 0.45 * coarse + 0.25 * fine), 0, 0.8)
     specks = np.clip(fine - 2.0, 0, 1) * (0.08 + 0.5 * dust)
