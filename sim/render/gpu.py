@@ -17,7 +17,6 @@ from pyrender.shader_program import ShaderProgramCache
 from sim.model import Surface
 
 Array = np.ndarray
-_ANISOTROPY = 0x84FE  # GL_TEXTURE_MAX_ANISOTROPY, core only since 4.6
 _INSTANCE = 8  # attribute of shaders/truth.vert; the instances' matrices take 4 to 7
 
 
@@ -56,12 +55,12 @@ class SurfaceBuffer(Primitive):  # type: ignore[misc]  # pyrender has no types
 
 
 class SurfaceTexture(Texture):  # type: ignore[misc]  # pyrender has no types
-    """An sRGB image, decoded to linear light when sampled; sharp at a distance along and across the view."""
+    """An sRGB image, decoded to linear light when sampled; one that repeats (the ground) is filtered by the shader."""
 
     def __init__(self, image: Array, repeat: bool) -> None:
         wrap = GL.GL_REPEAT if repeat else GL.GL_CLAMP_TO_EDGE
         super().__init__(sampler=Sampler(wrapS=wrap, wrapT=wrap), source=image, source_channels="RGB")
-        self._repeat = repeat
+        self.repeat = repeat
         self._add_to_context()
 
     def _add_to_context(self) -> None:
@@ -73,9 +72,7 @@ class SurfaceTexture(Texture):  # type: ignore[misc]  # pyrender has no types
         GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_SRGB8, w, h, 0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, data)
         GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
         _filter(GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR, self.sampler.wrapS)
-        if self._repeat:
-            GL.glTexParameterf(GL.GL_TEXTURE_2D, _ANISOTROPY, 4.0)
-        else:
+        if not self.repeat:
             GL.glTexParameterf(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_LOD_BIAS, -1.0)
 
 

@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from sim.archive import freeze_fields
 from sim.streams import stream
+from sim.textures import noise
 
 Array = np.ndarray
 
@@ -90,19 +91,10 @@ def sky_direction(size: int) -> Float[Array, "s s 3"]:
     return np.stack([x * scale, y * scale, 1 - 2 * r2], axis=-1)
 
 
-def cloud_noise(size: int, slope: float, rng: np.random.Generator) -> Float[Array, "s s"]:
-    """Periodic Gaussian noise of unit variance whose amplitude falls with frequency as ``f ** -slope``."""
-    f = np.hypot(np.fft.fftfreq(size)[:, None], np.fft.rfftfreq(size)[None])
-    f[0, 0] = np.inf
-    noise = np.fft.irfft2(np.fft.rfft2(rng.standard_normal((size, size))) * f**-slope, s=(size, size))
-    return np.asarray(noise / noise.std())
-
-
 def _clouds(d: Array, light: Light) -> Array:
     """Density of the clouds 0..1 in the directions d (h, w, 3): a flat layer, lost in the haze at the horizon."""
     rng = stream(light.seed, 0, "sky/clouds")
-    noise = cloud_noise(1024, 1.7, rng)
-    tiled = np.pad(noise, ((0, 1), (0, 1)), mode="wrap").astype(np.float32)
+    tiled = np.pad(noise((1024, 1024), 3.4, rng), ((0, 1), (0, 1)), mode="wrap")
     height = np.maximum(d[..., 2], 0.02) + 0.06
     at = (np.mod(d[..., :2] / height[..., None] * 90.0, 1024)).astype(np.float32)
     value = cv2.remap(tiled, at[..., 0], at[..., 1], cv2.INTER_LINEAR)

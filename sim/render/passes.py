@@ -110,8 +110,10 @@ class Passes:
         return target.read(GL.GL_RG, GL.GL_FLOAT)
 
     def _defines(self, surface: int, shadows: bool) -> tuple[str, ...]:
+        texture = self._textures[surface]
         wanted = {
-            "WITH_TEXTURE": self._textures[surface] is not None,
+            "WITH_TEXTURE": texture is not None,
+            "WITH_STRETCH": texture is not None and texture.repeat,
             "WITH_GLOSS": self._glossy[surface],
             "WITH_SHADOWS": shadows,
         }
