@@ -162,3 +162,30 @@ def leaves(rng: np.random.Generator, size: int = 256) -> UInt8[Array, "h w 3"]:
         for shift in ((0, 0), (size, 0), (0, size), (-size, 0), (0, -size)):
             Board(image, (0, 0), (1, 1)).poly(leaf + shift, color)
     return to_texture(image)
+
+
+def asphalt_texture(rng: np.random.Generator, size: int = 2048, span_m: float = 12.0) -> UInt8[Array, "h w 3"]:
+    """Old road surface: asphalt with cracks, sealed joints, patches and oil stains; seamless over ``span_m``."""
+    image = asphalt((size, size), rng)
+    board = Board(image, (0, 0), (size / span_m, size / span_m))
+    for _ in range(3):
+        a, b, w, h = *rng.uniform(0.1, 0.6, 2) * span_m, *rng.uniform(0.06, 0.2, 2) * span_m
+        board.rect(a, b, w, h, tuple(np.full(3, rng.choice([0.30, 0.47]))), 0.35)
+        board.line([(a, b), (a + w, b), (a + w, b + h), (a, b + h), (a, b)], 0.03, (0.17, 0.17, 0.18), 0.7)
+    for _ in range(9):
+        a, b = rng.uniform(0.1, 0.9, 2) * span_m
+        angle, length = rng.uniform(0, 2 * np.pi), rng.uniform(0.6, 4.0)
+        end = np.clip([a + length * np.cos(angle), b + length * np.sin(angle)], 0.3, span_m - 0.3)
+        crack(board, (a, b), (float(end[0]), float(end[1])), rng)
+    for _ in range(12):
+        board.disc(tuple(rng.uniform(0.3, span_m - 0.3, 2)), rng.uniform(0.03, 0.18), (0.2, 0.2, 0.2), rng.uniform(0.1, 0.4))
+    return to_texture(image)
+
+
+def paint_texture(rng: np.random.Generator, size: int = 512) -> UInt8[Array, "h w 3"]:
+    """Road marking paint, worn down to the asphalt in places; seamless."""
+    fine, coarse = noise((size, size), 0.6, rng), noise((size, size), 1.8, rng)
+    light = 0.80 + 0.03 * fine + 0.03 * coarse
+    worn = np.clip((coarse + 0.5 * fine - 1.7) * 2, 0, 1)
+    light = light * (1 - 0.5 * worn)
+    return to_texture(light[..., None] * np.array([1.0, 1.0, 0.97]))

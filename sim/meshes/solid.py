@@ -29,6 +29,10 @@ class Part:
     def moved(self, offset: Sequence[float]) -> Part:
         return replace(self, vertices=self.vertices + np.asarray(offset, float))
 
+    def placed(self, R: Array, t: Array) -> Part:
+        """Turned by R (3, 3) and then moved by t (3,)."""
+        return replace(self, vertices=self.vertices @ R.T + t)
+
     def mirrored_y(self) -> Part:
         """Mirror image in y = 0, faces turned so that they still look outward."""
         return replace(

@@ -1,0 +1,131 @@
+"""Trees, bushes and the wooded horizon: trunks with branches and crowns of small leaf clusters that all look outward."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.meshes.solid import Part, closed_tube, merged
+
+Array = np.ndarray
+_BARK = np.array([0.16, 0.12, 0.09])
+
+
+def _limb(start: Array, end: Array, r0: float, r1: float, sides: int = 6) -> Part:
+    """A tapering closed limb."""
+    d = (end - start) / np.linalg.norm(end - start)
+    side = np.cross(d, [0.3, 0.9, 0.2])
+    side /= np.linalg.norm(side)
+    up = np.cross(d, side)
+    a = np.arange(sides) * 2 * np.pi / sides
+    ring = np.cos(a)[:, None] * side + np.sin(a)[:, None] * up
+    vertices, faces = closed_tube(np.stack([start + r0 * ring, end + r1 * ring]))
+    uv = np.zeros((len(faces), 3, 2)) + 0.02 * vertices[faces][..., [0, 2]]
+    return Part(vertices, faces, uv, np.broadcast_to(_BARK * 1.6, (len(faces), 3)), np.zeros(len(faces)))
+
+
+def _clusters(center: Array, radius: Array, count: int, size: float, tint: Array, rng: np.random.Generator) -> Part:
+    """Leaf clusters: bent four-cornered patches scattered over the shell of an ellipsoid, facing outward."""
+    d = rng.standard_normal((count, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    depth = rng.uniform(0.72, 1.06, (count, 1))
+    at = center + d * radius * depth
+    n = d + 0.55 * rng.standard_normal((count, 3))
+    n -= np.minimum(np.sum(n * d, axis=1, keepdims=True) - 0.35, 0) * d
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    a = np.cross(n, rng.standard_normal((count, 3)))
+    a /= np.linalg.norm(a, axis=1, keepdims=True)
+    b = np.cross(n, a)
+    s = size * rng.uniform(0.6, 1.3, (count, 1))
+    corners = np.stack([at - a * s, at - b * s * rng.uniform(0.5, 1.0, (count, 1)), at + a * s + 0.15 * n,
+                        at + b * s * rng.uniform(0.5, 1.0, (count, 1))], axis=1)  # fmt: skip
+    corners[:, 1::2] -= 0.25 * s[:, None] * n[:, None]
+    base = 4 * np.arange(count)[:, None]
+    faces = np.concatenate([base + [0, 1, 2], base + [0, 2, 3]], axis=1).reshape(-1, 3)
+    vertices = corners.reshape(-1, 3)
+    origin = rng.uniform(0, 1, (count, 2))
+    square = np.array([[-1, 0], [0, -1], [1, 0], [0, 1]]) * 0.5
+    uv = (origin[:, None] + square * (s[:, None] / 0.9)).reshape(-1, 2)
+    light = (0.55 + 0.45 * (depth[:, 0] - 0.72) / 0.34) * rng.uniform(0.75, 1.2, count) * (0.85 + 0.25 * d[:, 2])
+    color = np.repeat(np.clip(light[:, None] * tint, 0, 1), 2, axis=0)
+    return Part(vertices, faces, uv[faces], color, np.zeros(len(faces)))
+
+
+def _core(center: Array, radius: Array, rng: np.random.Generator) -> Part:
+    """The dark inside of a crown: a closed lumpy ball."""
+    rows, columns = 5, 8
+    theta = np.linspace(0, np.pi, rows + 2)[1:-1]
+    phi = np.arange(columns) * 2 * np.pi / columns
+    lump = rng.uniform(0.62, 0.82, (rows, columns, 1))
+    ring = np.stack([np.sin(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None] * np.sin(phi),
+                     np.broadcast_to(-np.cos(theta)[:, None], (rows, columns))], axis=-1)  # fmt: skip
+    vertices, faces = closed_tube(center + ring * lump * radius)
+    uv = vertices[faces][..., [0, 2]] / 1.8
+    return Part(vertices, faces, uv, np.full((len(faces), 3), 0.30), np.zeros(len(faces)))
+
+
+def tree(position: tuple[float, float, float], height: float, detail: float, rng: np.random.Generator) -> Part:
+    """A broad-leaved tree of about 900 * detail triangles."""
+    p = np.asarray(position, float)
+    lean = np.array([*rng.normal(0, 0.03, 2), 1.0])
+    stem = rng.uniform(0.26, 0.36) * height
+    crown_at, crown = p + lean * (stem + 0.33 * height), np.array([0.27, 0.27, 0.34]) * height
+    crown *= rng.uniform(0.9, 1.15, 3)
+    tint = np.array([1.0, 1.0, 0.9]) * rng.uniform(0.65, 1.0) * np.array([rng.uniform(0.85, 1.15), 1, 1])
+    radius = 0.022 * height
+    parts = [_limb(p - [0, 0, 0.1], p + lean * (stem + 0.2 * height), radius, 0.5 * radius)]
+    blobs = 5 if detail > 0.4 else 3
+    parts.append(_core(crown_at, crown, rng))
+    for k in range(blobs):
+        a = 2 * np.pi * k / blobs + rng.uniform(0, 0.6)
+        out = np.array([np.cos(a), np.sin(a), rng.uniform(-0.5, 0.7)]) * crown * 0.55
+        if detail > 0.4:
+            parts.append(_limb(p + lean * stem * rng.uniform(0.85, 1.1), crown_at + out * 0.8, 0.4 * radius, 0.1 * radius, 4))
+        count = int(320 * detail / blobs)
+        parts.append(_clusters(crown_at + out, crown * rng.uniform(0.5, 0.65), count, 0.062 * height / detail**0.4, tint, rng))
+    parts.append(_clusters(crown_at + [0, 0, 0.3 * crown[2]], crown * 0.8, int(100 * detail), 0.062 * height / detail**0.4, tint, rng))
+    return merged(parts)
+
+
+def conifer(position: tuple[float, float, float], height: float, detail: float, rng: np.random.Generator) -> Part:
+    """A spruce: whorls of clusters that narrow toward the top."""
+    p = np.asarray(position, float)
+    tint = np.array([0.55, 0.72, 0.62]) * rng.uniform(0.7, 1.0)
+    parts = [_limb(p - [0, 0, 0.1], p + [0, 0, 0.97 * height], 0.018 * height, 0.003 * height, 5)]
+    whorls = 9
+    for k in range(whorls):
+        share = (k + 0.5) / whorls
+        wide = 0.19 * height * (1 - share) * rng.uniform(0.8, 1.2) + 0.02 * height
+        at = p + [0, 0, height * (0.12 + 0.84 * share)]
+        parts.append(_clusters(at, np.array([wide, wide, 0.05 * height]), max(int(34 * detail * (1.2 - share)), 6),
+                               0.05 * height / detail**0.4 * (1.15 - 0.6 * share), tint, rng))  # fmt: skip
+    return merged(parts)
+
+
+def bush(position: tuple[float, float, float], size: float, detail: float, rng: np.random.Generator) -> Part:
+    """A bush or a piece of hedge."""
+    p = np.asarray(position, float) + [0, 0, 0.45 * size]
+    radius = np.array([0.6, 0.6, 0.5]) * size * rng.uniform(0.85, 1.2, 3)
+    tint = np.array([0.9, 0.95, 0.8]) * rng.uniform(0.6, 1.0)
+    return merged([_core(p, radius, rng), _clusters(p, radius, int(90 * detail), 0.16 * size / detail**0.4, tint, rng)])
+
+
+def wooded_hills(center: tuple[float, float], radius: float, rng: np.random.Generator) -> Part:
+    """A ring of wooded hills on the horizon, seen from inside."""
+    n, rows = 150, 7
+    a = np.arange(n) * 2 * np.pi / n
+    skyline = 13 + sum(rng.uniform(1, 6) / k**0.5 * np.sin(k * a + rng.uniform(0, 6.3)) for k in (2, 3, 5, 7, 11))
+    level = np.linspace(0, 1, rows)[:, None]
+    jag = np.where(level > 0, rng.normal(0, 1.0, (rows, n)), 0)
+    r = radius + 60 * level + 4 * jag
+    z = -1.0 + np.maximum(skyline, 5) * np.sqrt(level) + 1.3 * jag * level
+    rings = np.stack([center[0] + r * np.cos(a), center[1] + r * np.sin(a), z], axis=-1)
+    i, j = np.meshgrid(np.arange(rows - 1), np.arange(n), indexing="ij")
+    p, q = i * n + j, i * n + (j + 1) % n
+    faces = np.concatenate([np.stack([p, p + n, q + n], -1).reshape(-1, 3), np.stack([p, q + n, q], -1).reshape(-1, 3)])
+    vertices = rings.reshape(-1, 3)
+    corners = vertices[faces]
+    around = np.arctan2(corners[..., 1] - center[1], corners[..., 0] - center[0])
+    around = np.where(around - around.max(axis=1, keepdims=True) < -np.pi, around + 2 * np.pi, around)
+    uv = np.stack([around * radius, corners[..., 2]], axis=-1) / 11.0
+    light = 0.55 + 0.25 * rng.random((len(faces), 1))
+    return Part(vertices, faces, uv, light * np.array([0.85, 1.0, 0.85]), np.zeros(len(faces)))
