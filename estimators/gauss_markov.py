@@ -76,9 +76,9 @@ def reduce_points(
     N_inv = inverse_spd(sum_by(point, np.swapaxes(B, 1, 2) @ WB, n), "a point is not determined by its observations")
     b_X = sum_by(point, np.einsum("kab,ka->kb", WB, dl), n)
     b_p = sum_by(frame, np.einsum("kab,ka->kb", WA, dl), m).ravel()
-    N_Xp = np.zeros((n, m, 3, 6))
-    np.add.at(N_Xp, (point, frame), np.swapaxes(B, 1, 2) @ WA)
-    N_Xp = N_Xp.transpose(0, 2, 1, 3).reshape(n, 3, 6 * m)
+    blocks = np.zeros((n, m, 3, 6))
+    np.add.at(blocks, (point, frame), np.swapaxes(B, 1, 2) @ WA)
+    N_Xp = blocks.transpose(0, 2, 1, 3).reshape(n, 3, 6 * m)
     h = N_inv @ N_Xp
     S = scipy.linalg.block_diag(*sum_by(frame, np.swapaxes(A, 1, 2) @ WA, m))
     S = S - np.tensordot(N_Xp, h, axes=((0, 1), (0, 1)))

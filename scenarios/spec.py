@@ -23,11 +23,12 @@ _PATHS = (("vehicle", "*", "motion", "labels"), ("vehicle", "*", "mesh"), ("ego"
 class EstimatorSpec(Spec):
     """An estimator by its registered name, its label, and its constructor's arguments."""
 
+    name: str
     label: Name | None = None
 
     @property
     def title(self) -> str:
-        return self.label or str(self.name)  # type: ignore[attr-defined]
+        return self.label or self.name
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -40,7 +41,7 @@ class EstimatorSpec(Spec):
 
     def build(self) -> Any:
         """The estimator itself; raises ValueError where its constructor does."""
-        return registry()[self.name](**self.arguments)  # type: ignore[attr-defined]
+        return registry()[self.name](**self.arguments)
 
 
 def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
@@ -61,7 +62,7 @@ def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
 def run_model() -> type[Scenario]:
     """The model of a scenario file with the estimators that are installed."""
     models = [_estimator_model(n, c) for n, c in sorted(registry().items())]
-    union = functools.reduce(operator.or_, models)  # type: ignore[arg-type]
+    union = functools.reduce(operator.or_, models)
     one = Annotated[union, Field(discriminator="name")] if len(models) > 1 else union
 
     class Run(Scenario):
@@ -71,7 +72,7 @@ def run_model() -> type[Scenario]:
 
         @model_validator(mode="after")
         def _unique_labels(self) -> Run:
-            labels = [e.title for e in self.estimator]
+            labels: list[str] = [e.title for e in self.estimator]  # type: ignore[attr-defined]  # made above
             for label in labels:
                 if labels.count(label) > 1:
                     raise ValueError(f"estimator: the label {label!r} is used {labels.count(label)} times")
@@ -163,8 +164,7 @@ def _absolutise(data: dict[str, Any], base: Path) -> None:
     for pattern in _PATHS:
         for owner, last in _owners(data, pattern):
             value = owner.get(last)
-            is_path = isinstance(value, str) and (last != "mesh" or any(c in value for c in "./\\"))
-            if is_path:
+            if isinstance(value, str) and (last != "mesh" or any(c in value for c in "./\\")):
                 owner[last] = str((base / value).resolve())
 
 

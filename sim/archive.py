@@ -15,9 +15,9 @@ T = TypeVar("T")
 _JSON = "__json__"
 
 
-def freeze(a: Any) -> np.ndarray:
+def freeze(values: Any) -> np.ndarray:
     """A read-only, contiguous copy (an array that is both already is returned as it is)."""
-    a = np.asarray(a)
+    a: np.ndarray = np.asarray(values)
     if not a.flags.writeable and a.flags.c_contiguous and a.base is None:
         return a
     a = np.array(a, order="C", copy=True)
@@ -60,7 +60,9 @@ def _flatten(value: Any, prefix: str, arrays: dict[str, np.ndarray]) -> Any:
         arrays[prefix] = value
         return {"__array__": prefix}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {f.name: _flatten(getattr(value, f.name), f"{prefix}.{f.name}", arrays) for f in dataclasses.fields(value)}
+        return {
+            f.name: _flatten(getattr(value, f.name), f"{prefix}.{f.name}", arrays) for f in dataclasses.fields(value)
+        }
     if isinstance(value, (list, tuple)):
         return [_flatten(v, f"{prefix}.{i}", arrays) for i, v in enumerate(value)]
     if isinstance(value, dict):

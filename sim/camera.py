@@ -80,7 +80,7 @@ class Camera:
             value, J = self._distort(xy)
             xy = xy - np.linalg.solve(J, (value - xy_d)[..., None])[..., 0]
         error = np.abs(self._distort(xy)[0] - xy_d).max(axis=-1, keepdims=True)
-        return np.where(error < 1e-10, xy, np.nan)
+        return np.asarray(np.where(error < 1e-10, xy, np.nan))
 
     def project(self, p_c: Float[Array, "*b 3"]) -> Float[Array, "*b 2"]:
         """Pixel coordinates of points in the camera frame [m]; NaN behind the camera."""

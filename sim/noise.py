@@ -6,6 +6,7 @@ label. ``uv_true`` keeps the noise-free pixels of the track's material point, so
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -60,7 +61,7 @@ def choose_tracks(
     """Disjoint random choices of tracks, each the rounded share of its outlier kind."""
     shuffled = rng.permutation(tracks)
     edges = np.rint(np.cumsum([0.0] + [o.tracks for o in outliers]) * len(tracks)).astype(int)
-    return [np.sort(shuffled[a:b]) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [np.sort(shuffled[a:b]) for a, b in itertools.pairwise(edges)]
 
 
 def _some_rows(draft: Draft, track: int, count: int, rng: np.random.Generator) -> Int[Array, "c"]:
@@ -174,7 +175,7 @@ def _background(setting: Setting, rng: np.random.Generator, count: int) -> tuple
 
 
 def reflection(
-    draft: Draft, _: ReflectionOutlier, tracks: Array, kind: int, setting: Setting, rng: np.random.Generator
+    draft: Draft, _: ReflectionOutlier, tracks: Array, kind: int, setting: Setting, _rng: np.random.Generator
 ) -> Draft:
     """The track follows the mirror image of a distant light on the body, taken as an ellipsoid in its bounding box.
 

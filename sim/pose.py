@@ -44,7 +44,7 @@ def exp_so3(r: Float[Array, "*b 3"]) -> Float[Array, "*b 3 3"]:
     r = np.asarray(r, float)
     s, c, _ = _sinc_terms(r)
     S = hat(r)
-    return np.eye(3) + s[..., None, None] * S + c[..., None, None] * (S @ S)
+    return np.asarray(np.eye(3) + s[..., None, None] * S + c[..., None, None] * (S @ S))
 
 
 def log_so3(R: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3"]:
@@ -60,7 +60,7 @@ def left_jacobian(r: Float[Array, "*b 3"]) -> Float[Array, "*b 3 3"]:
     r = np.asarray(r, float)
     _, c, d = _sinc_terms(r)
     S = hat(r)
-    return np.eye(3) + c[..., None, None] * S + d[..., None, None] * (S @ S)
+    return np.asarray(np.eye(3) + c[..., None, None] * S + d[..., None, None] * (S @ S))
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +179,7 @@ def rotation_from_quaternion(q: Float[Array, "*b 4"]) -> Float[Array, "*b 3 3"]:
 
 
 def rotation_from_roll_pitch_heading(rph: Float[Array, "*b 3"]) -> Float[Array, "*b 3 3"]:
-    """R_wb of a body (x forward, y left, z up): heading clockwise from +y, pitch nose up, roll right side down [rad]."""
+    """R_wb of a body (x forward, y left, z up): heading clockwise from +y, pitch nose up, roll right side down."""
     rph = np.asarray(rph, float)
     roll, pitch, heading = rph[..., 0], rph[..., 1], rph[..., 2]
     zero = np.zeros_like(roll)

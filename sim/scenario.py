@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -136,9 +136,7 @@ class Labels(Spec):
     """Standard deviation of a label's heading that the smoothing assumes."""
 
 
-Motion = Annotated[
-    Straight | Crossing | Turning | Braking | StopAndGo | Labels, Field(discriminator="kind")
-]
+Motion = Annotated[Straight | Crossing | Turning | Braking | StopAndGo | Labels, Field(discriminator="kind")]
 
 
 class Ego(Spec):
@@ -184,7 +182,7 @@ class Road(Spec):
     """The static world beside and below the traffic."""
 
     roadside: bool = True
-    """Buildings, trees, signs and street furniture."""
+    """Road, buildings, trees, signs and street furniture; without it the vehicles stand before the sky."""
     lanes: Annotated[int, Field(ge=1, le=6)] = 2
     crossing_at_m: float | None = None
     """Distance of a crossing road, if there is one."""
@@ -199,10 +197,16 @@ class Render(Spec):
     enabled: bool = True
     supersample: Annotated[int, Field(ge=1, le=4)] = 2
     shadows: bool = True
-    blur_px: NonNegative = 0.6
-    noise_grey: NonNegative = 2.5
-    """Standard deviation of the sensor noise at mid-grey, in grey levels."""
-    exposure: Positive = 1.0
+    blur_px: NonNegative = 0.5
+    """Standard deviation of the optical blur."""
+    vignetting: Fraction = 0.12
+    """Share of the light lost in the corners."""
+    gain: Positive = 1.0
+    """Exposure: factor on the grey values before they saturate."""
+    read_noise: NonNegative = 1.5
+    shot_noise: NonNegative = 2.5
+    """Grey levels; the noise variance is read_noise² + shot_noise² grey / 255."""
+    jpeg_quality: Annotated[int, Field(ge=1, le=100)] | None = None
     truth_images: bool = True
     """Depth and instance masks, written beside the truth."""
     flow: bool = False
@@ -350,7 +354,7 @@ class Scenario(Spec):
 
 
 def nearest(word: str, allowed: list[str]) -> str:
-    """"(did you mean 'x'?)" where an allowed word is near, else the allowed words."""
+    """ "(did you mean 'x'?)" where an allowed word is near, else the allowed words."""
     close = difflib.get_close_matches(word, allowed, n=1, cutoff=0.5)
     if close:
         return f"did you mean {close[0]!r}?"

@@ -6,6 +6,7 @@ Textures are sRGB uint8 images whose row 0 is at the top, sides powers of two; t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -18,14 +19,14 @@ Color = tuple[float, float, float]
 
 def srgb_from_linear(x: ArrayLike) -> Array:
     """sRGB code value in 0..1 of linear light in 0..1 (IEC 61966-2-1)."""
-    x = np.clip(np.asarray(x, float), 0, 1)
-    return np.where(x <= 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+    v = np.clip(np.asarray(x, float), 0, 1)
+    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
 
 
 def linear_from_srgb(x: ArrayLike) -> Array:
     """Linear light in 0..1 of an sRGB code value in 0..1."""
-    x = np.asarray(x, float)
-    return np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    v = np.asarray(x, float)
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
 
 
 def noise(shape: tuple[int, int], beta: float, rng: np.random.Generator, stretch: float = 1.0) -> Float[Array, "h w"]:
@@ -63,7 +64,7 @@ class Board:
         return np.asarray(points, float) * self.scale + self.origin
 
     def _fixed(self, points: ArrayLike) -> Array:
-        return np.round((self.pixels(points) - 0.5) * 2**self._SHIFT).astype(np.int32)
+        return np.asarray(np.round((self.pixels(points) - 0.5) * 2**self._SHIFT), np.int32)
 
     def poly(self, points: ArrayLike, color: Color, opacity: float = 1.0) -> None:
         """Filled polygon (n, 2) [m] with smooth edges."""
@@ -85,7 +86,7 @@ class Board:
     def line(self, points: ArrayLike, width: float, color: Color, opacity: float = 1.0) -> None:
         """Polyline (n, 2) of the given width [m], segment by segment."""
         p = np.asarray(points, float)
-        for a, b in zip(p[:-1], p[1:], strict=True):
+        for a, b in pairwise(p):
             d = (b - a) / max(float(np.hypot(*(b - a))), 1e-9) * width / 2
             n = np.array([-d[1], d[0]])
             self.poly([a - d / 2 + n, b + d / 2 + n, b + d / 2 - n, a - d / 2 - n], color, opacity)
@@ -95,7 +96,7 @@ class Board:
         self.poly(np.stack([center[0] + radius * np.cos(t), center[1] + radius * np.sin(t)], axis=1), color, opacity)
 
     def text(self, a: float, b: float, height: float, width: float, text: str, color: Color) -> None:
-        """One line of text inside the box with the top-left image corner at (a, b) [m]; reads left to right on the image."""
+        """One line of text in a box whose top-left image corner is (a, b) [m]; it reads left to right on the image."""
         (w, h), base = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, 2.0, 6)
         glyphs = np.zeros((h + base, w + 8), np.uint8)
         cv2.putText(glyphs, text, (4, h), cv2.FONT_HERSHEY_SIMPLEX, 2.0, 255, 6, cv2.LINE_AA)
@@ -117,7 +118,7 @@ def grass(rng: np.random.Generator, size: int = 1024) -> UInt8[Array, "h w 3"]:
 
 
 def asphalt(shape: tuple[int, int], rng: np.random.Generator) -> Float[Array, "h w 3"]:
-    """Bare asphalt as sRGB values in 0..1: grain (beta 0.35), wear (beta 2.2), single bright and dark stones; seamless."""
+    """Bare asphalt, sRGB in 0..1: grain (beta 0.35), wear (beta 2.2), single bright and dark stones; seamless."""
     grain, wear = noise(shape, 0.35, rng), noise(shape, 2.2, rng, stretch=0.5)
     light = 0.40 + 0.045 * grain + 0.025 * wear
     light += 0.05 * np.clip(np.abs(grain) - 2.2, 0, 2) * np.sign(grain)
@@ -178,7 +179,9 @@ def asphalt_texture(rng: np.random.Generator, size: int = 2048, span_m: float = 
         end = np.clip([a + length * np.cos(angle), b + length * np.sin(angle)], 0.3, span_m - 0.3)
         crack(board, (a, b), (float(end[0]), float(end[1])), rng)
     for _ in range(12):
-        board.disc(tuple(rng.uniform(0.3, span_m - 0.3, 2)), rng.uniform(0.03, 0.18), (0.2, 0.2, 0.2), rng.uniform(0.1, 0.4))
+        board.disc(
+            tuple(rng.uniform(0.3, span_m - 0.3, 2)), rng.uniform(0.03, 0.18), (0.2, 0.2, 0.2), rng.uniform(0.1, 0.4)
+        )
     return to_texture(image)
 
 

@@ -62,7 +62,7 @@ def trajectory(motion: Spec, end_s: float) -> Trajectory:
     Raises
         TypeError: the motion needs more than time (a replay, see `sim.replay`).
     """
-    raise TypeError(f"{type(motion).__name__} is not a motion over time alone")
+    raise TypeError(f"{type(motion).__name__} up to {end_s} s is not a motion over time alone")
 
 
 @trajectory.register
@@ -111,7 +111,10 @@ def _(motion: Braking, end_s: float) -> Trajectory:
     fine = np.arange(-1.0, end_s + 1.0, 1e-3)
     share = _ramp(fine, motion.brake_s, rise) - _ramp(fine, motion.brake_s + rise + hold, rise)
     v = v0 - cumulative_simpson(a * share, x=fine, initial=0.0) if v0 > v1 else np.full_like(fine, v0)
-    speed = lambda t: np.interp(t, fine, v)  # noqa: E731 - a one-line function of time
+
+    def speed(t: Array) -> Array:
+        return np.asarray(np.interp(t, fine, v))
+
     return planar(motion.start_m, np.deg2rad(motion.heading_deg), speed, _constant(0.0), end_s)
 
 

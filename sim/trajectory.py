@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -50,7 +51,7 @@ class Trajectory:
         slack = 1e-9 * max(1.0, float(np.abs(self.t_s).max()))
         if np.any(t < self.t_s[0] - slack) or np.any(t > self.t_s[-1] + slack):
             raise ValueError(f"Trajectory: {t.min()}..{t.max()} s is outside {self.t_s[0]}..{self.t_s[-1]} s")
-        return np.clip(t, self.t_s[0], self.t_s[-1])
+        return np.asarray(np.clip(t, self.t_s[0], self.t_s[-1]))
 
     def pose(self, t: ArrayLike) -> Pose:
         t = self._checked(t)
@@ -72,7 +73,7 @@ class Trajectory:
         """Angular acceleration of the body against the world, in world axes [rad/s²]."""
         return self._turned(t, 2)
 
-    def _turned(self, t: ArrayLike, order: int) -> Array:
+    def _turned(self, t: ArrayLike, order: Literal[1, 2]) -> Array:
         """SciPy gives rates in body axes; the derivative of a rate turns alike because omega x omega = 0."""
         t = self._checked(t)
         return np.asarray((self._rotation(t).as_matrix() @ self._rotation(t, order)[..., None])[..., 0])

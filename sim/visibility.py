@@ -28,11 +28,13 @@ def _hits(p: Array, reach: float, a: Array, e1: Array, e2: Array) -> bool:
     if v < 0.0 or u + v > 1.0:
         return False
     s = (e2[0] * qx + e2[1] * qy + e2[2] * qz) / det
-    return 0.0 < s < reach
+    return bool(0.0 < s < reach)
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _mark_hidden(points: Array, order: Array, start: Array, low: Array, cell: Array, triangles: Array, hidden: Array) -> None:
+def _mark_hidden(
+    points: Array, order: Array, start: Array, low: Array, cell: Array, triangles: Array, hidden: Array
+) -> None:
     """Tests every triangle against the points in the cells of the image plane its projection covers."""
     lo, hi = np.zeros(2), np.zeros(2)
     for f in range(triangles.shape[0]):
@@ -40,7 +42,11 @@ def _mark_hidden(points: Array, order: Array, start: Array, low: Array, cell: Ar
         e1, e2 = triangles[f, 1] - a, triangles[f, 2] - a
         if min(triangles[f, 0, 2], triangles[f, 1, 2], triangles[f, 2, 2]) > 1e-3:
             for k in range(2):
-                x0, x1, x2 = a[k] / a[2], triangles[f, 1, k] / triangles[f, 1, 2], triangles[f, 2, k] / triangles[f, 2, 2]
+                x0, x1, x2 = (
+                    a[k] / a[2],
+                    triangles[f, 1, k] / triangles[f, 1, 2],
+                    triangles[f, 2, k] / triangles[f, 2, 2],
+                )
                 lo[k] = max(np.floor((min(x0, x1, x2) - low[k]) / cell[k]), 0)
                 hi[k] = min(np.floor((max(x0, x1, x2) - low[k]) / cell[k]), _CELLS - 1)
         elif max(triangles[f, 0, 2], triangles[f, 1, 2], triangles[f, 2, 2]) > 1e-3:

@@ -117,10 +117,8 @@ def build_world(scenario: Scenario) -> World:
     ego = _ego(scenario.ego, replay, end_s)
     rig, nominal = make_rig(scenario.rig)
     moves = scenario.ego.motion is not None or scenario.ego.poses is not None
-    props = _props(scenario, actors, ego, t_s) if scenario.render.enabled else ()
-    return World(
-        t_s, rig, nominal, ego, camera_mount(scenario.rig), moves, tuple(actors), scenario.target_index, props
-    )
+    props = _props(scenario) if scenario.world.roadside else ()
+    return World(t_s, rig, nominal, ego, camera_mount(scenario.rig), moves, tuple(actors), scenario.target_index, props)
 
 
 def _frame_times(rig: Rig, replay: Replay | None) -> Array:
@@ -140,7 +138,7 @@ def _label(vehicle: Vehicle, index: int) -> LabelTrack | None:
 
 
 def _replay(vehicle: Vehicle, label: LabelTrack, model: VehicleModel, ego: Ego) -> Replay:
-    assert isinstance(vehicle.motion, Labels)  # noqa: S101 - a label comes from such a motion only
+    assert isinstance(vehicle.motion, Labels)
     motion = vehicle.motion
     camera = None if ego.poses is None else read_poses(ego.poses)
     middle = model.size_m[0] / 2 - model.rear_overhang_m
@@ -201,14 +199,9 @@ def _refuse_contact(actors: list[Actor], t_s: Array) -> None:
                     raise ScenarioError(f"vehicle: {a.name!r} and {b.name!r} touch at t = {t_s[k]:.2f} s (frame {k})")
 
 
-def _props(scenario: Scenario, actors: list[Actor], ego: Trajectory, t_s: Array) -> tuple[Prop, ...]:
-    """The street; nothing of it stands where a vehicle or the ego car drives."""
-    driven = np.concatenate([a.trajectory.pose(t_s).t for a in actors] + [ego.pose(t_s).t])[:, :2]
+def _props(scenario: Scenario) -> tuple[Prop, ...]:
+    """The street."""
     street = build_roadside(
-        stream(scenario.seed, 0, "world/roadside"),
-        lanes=scenario.world.lanes,
-        crossing_at_m=scenario.world.crossing_at_m,
-        roadside=scenario.world.roadside,
-        keep_clear=driven,
+        stream(scenario.seed, 0, "world/roadside"), lanes=scenario.world.lanes, crossing_y=scenario.world.crossing_at_m
     )
     return tuple(Prop(name, model, pose) for name, model, pose in street)

@@ -36,8 +36,8 @@ def observation_model(
     """The function ``Y -> (corrected observations, weights)`` of `object_motion.Problem`.
 
     l, C triangulated points and their covariance at the observed place; W_uv (k, 4, 4) weights of the image
-    coordinates [1/px²]. "estimated" evaluates both at the current points Y, before every iteration (4.1.3.3); where Y is
-    not in front of the cameras the observed place serves.
+    coordinates [1/px²]. "estimated" evaluates both at the current points Y, before every iteration (4.1.3.3);
+    where Y is not in front of the cameras the observed place serves.
     """
     if weights != "estimated":
         W = np.linalg.inv(C if weights == "observed" else averaged_covariance(C))

@@ -216,4 +216,3 @@ def _functionals(R: Array, X: Array, dt_s: float) -> tuple[Array, Array]:
 def redundancy(problem: Problem) -> int:
     """3k - (6m + 3n) + 6: the datum conditions count (2.1.28)."""
     return 3 * len(problem.frame) - 6 * problem.m - 3 * problem.n + 6
-

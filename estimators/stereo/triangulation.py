@@ -82,12 +82,10 @@ def _projection_curvature(camera: Camera, p: Array, C: Array) -> Array:
     x, y, z = p.T
     cx = 2 * (x * C[:, 2, 2] / z - C[:, 0, 2]) / z**2
     cy = 2 * (y * C[:, 2, 2] / z - C[:, 1, 2]) / z**2
-    return np.stack([cx, cy], axis=1) @ camera.K[:2, :2].T
+    return np.asarray(np.stack([cx, cy], axis=1) @ camera.K[:2, :2].T)
 
 
-def second_order_bias(
-    rig: StereoRig, p: Float[Array, "n 3"], W_uv: Float[Array, "n 4 4"]
-) -> Float[Array, "n 3"]:
+def second_order_bias(rig: StereoRig, p: Float[Array, "n 3"], W_uv: Float[Array, "n 4 4"]) -> Float[Array, "n 3"]:
     """Expected triangulated minus true point [m] by the terms of second order.
 
     The source gives the depth of the normal case, Z (sigma_d/d)² (4.1.13); here all coordinates and any rig, as the
@@ -110,7 +108,7 @@ def second_order_bias(
 def unscented(
     function: Callable[[Array], Array], x: Float[Array, "n d"], C: Float[Array, "n d d"]
 ) -> tuple[Float[Array, "n e"], Float[Array, "n e e"]]:
-    """Mean and covariance of a function of Gaussian vectors by 2d + 1 sigma points (Julier and Uhlmann 2004, kappa = 3 - d)."""
+    """Mean and covariance of a function of Gaussian vectors by 2d + 1 sigma points (kappa = 3 - d)."""
     d = x.shape[1]
     kappa = 3.0 - d
     L = np.linalg.cholesky((d + kappa) * C)

@@ -14,7 +14,7 @@ Array = np.ndarray
 
 
 def _motion(window: WindowEstimate, t_s: Float[Array, "m"], T_wc: Pose) -> tuple[Array, Array]:
-    """Velocity of the centroid [m/s] and angular rate [rad/s] in the frame w, from the last two frames, (3.8.5)-(3.8.7)."""
+    """Velocity of the centroid [m/s] and angular rate [rad/s] in w, from the last two frames (3.8.5)-(3.8.7)."""
     last = window.frames[-2:]
     T = T_wc[last] @ window.T_co[-2:]
     dt = t_s[last[1]] - t_s[last[0]]

@@ -1,0 +1,149 @@
+"""The command line: list, run, schema, test. Its contract of names, files and exit statuses is in the README.
+
+Exit status 0 done; 1 a check failed, or no estimator gave anything; 2 the user's input is wrong (one line on standard
+error); 3 an exception: a bug or a broken renderer.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tomllib
+import traceback
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from rich.console import Console
+from rich.table import Table
+
+from sim.scenario import ScenarioError, nearest
+
+_COMMANDS = ("list", "run", "schema", "test")
+
+
+class _Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise ScenarioError(f"{message} (see {self.prog} --help)")
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _Parser(prog="pruefstand", description="Simulation and evaluation test bench for motion from images.")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=_Parser)
+    commands.add_parser("list", help="scenarios and estimators, each with one line and its source")
+    run = commands.add_parser("run", help="simulate, estimate and report one scenario")
+    run.add_argument("scenario", metavar="NAME|FILE.toml")
+    run.add_argument(
+        "--set", dest="settings", action="append", default=[], metavar="KEY=VALUE", help="e.g. rig.frames=20"
+    )
+    run.add_argument("--seed", type=int)
+    run.add_argument("--out", type=Path, metavar="DIR", help="default: runs/NAME-SEED")
+    run.add_argument("--estimator", action="append", default=[], metavar="LABEL", help="only this one; may be repeated")
+    run.add_argument(
+        "--stage", choices=("simulate", "track", "estimate", "report"), default="report", help="stop after it"
+    )
+    run.add_argument("--overwrite", action="store_true", help="replace results of another configuration")
+    commands.add_parser("schema", help="JSON Schema of scenario files")
+    commands.add_parser("test", help="the whole test suite with lint, types and house order")
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Runs one command and returns its exit status."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    errors = Console(stderr=True, soft_wrap=True)
+    try:
+        if arguments and not arguments[0].startswith("-") and arguments[0] not in _COMMANDS:
+            raise ScenarioError(f"no command {arguments[0]!r}, {nearest(arguments[0], list(_COMMANDS))}")
+        parsed = _parser().parse_args(arguments or ["--help"])
+        return _dispatch(parsed)
+    except ScenarioError as error:
+        errors.print(f"pruefstand: {error}", markup=False, highlight=False)
+        return 2
+    except KeyboardInterrupt:
+        errors.print("pruefstand: interrupted", markup=False, highlight=False)
+        return 3
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+    except Exception:  # the last resort of the process: status 3 and everything a bug report needs
+        traceback.print_exc()
+        return 3
+
+
+def _dispatch(parsed: argparse.Namespace) -> int:
+    if parsed.command == "run":
+        return _run(parsed)
+    if parsed.command == "list":
+        return _list()
+    if parsed.command == "schema":
+        from scenarios.spec import json_schema
+
+        print(json.dumps(json_schema(), indent=2))
+        return 0
+    return _test()
+
+
+def _run(parsed: argparse.Namespace) -> int:
+    from scenarios import engine, spec, summary
+    from scenarios.console import Reporter
+
+    console = Console()
+    scenario = spec.read(parsed.scenario, parsed.settings, parsed.seed)
+    name = spec.find(parsed.scenario).stem
+    out = parsed.out or Path("runs") / f"{name}-{scenario.seed}"
+    progress = Reporter(console)
+    outcome = engine.run(scenario, out, progress, parsed.stage, parsed.estimator, parsed.overwrite)
+    for label, reason in outcome.failed.items():
+        progress.say(f"estimator {label!r} gave nothing: {reason}")
+    if parsed.stage == "report":
+        summary.show(console, outcome.folder)
+        progress.say(f"report  {outcome.folder / 'report.html'}")
+    return 0 if outcome.any_estimate or parsed.stage in ("simulate", "track") else 1
+
+
+def _list() -> int:
+    from estimators import registry
+    from estimators.estimate import describe
+    from scenarios.spec import names
+
+    console = Console()
+    table = Table(box=None, pad_edge=False, show_edge=False, title_justify="left")
+    for column in ("name", "what", "source"):
+        table.add_column(column, overflow="fold")
+    for name, path in names().items():
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+        table.add_row(name, data["title"], data.get("source", ""))
+    for name, cls in registry().items():
+        what, _, source = describe(cls).partition(" (")
+        table.add_row(name, what, source.rstrip(").") if source else "")
+    console.print(table, highlight=False)
+    return 0
+
+
+def _test() -> int:
+    """Lint, types, house order and tests, in this order; the first failure ends it."""
+    root = Path(__file__).resolve().parent.parent
+    if not (root / "tests").is_dir():
+        raise ScenarioError(f"test: there is no checkout with tests at {root}")
+    python = Path(sys.executable)
+    steps = (
+        [str(python), "-m", "ruff", "check", "."],
+        [str(python), "-m", "ruff", "format", "--check", "."],
+        [str(python), "-m", "mypy"],
+        [str(python.parent / "lint-imports")],
+        [str(python), "-m", "pytest", "-q", "-n", "2", "--durations=8"],
+    )
+    for step in steps:
+        print("$", " ".join([Path(step[0]).name, *step[1:]]), flush=True)
+        if subprocess.run(step, cwd=root, check=False).returncode:
+            return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,159 @@
+"""simulate -> estimate -> report as cached stages of one run folder."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from reports.html import write_report
+
+from estimators.estimate import EstimationFailed, TrajectoryEstimate
+from scenarios.store import Store, code_digest, config_hash, digest
+from sim.observations import Observations
+from sim.scenario import Scenario, ScenarioError, nearest
+from sim.simulate import simulate
+from sim.truth import Truth
+from sim.world import World, build_world
+
+STAGES = ("simulate", "track", "estimate", "report")
+
+
+class Progress(Protocol):
+    """Tells the user how far a stage is."""
+
+    @contextmanager
+    def stage(self, name: str, total: int) -> Iterator[Callable[[], None]]: ...
+
+    def say(self, line: str) -> None: ...
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Run folder, the estimators that gave nothing (label to reason), and whether any gave something."""
+
+    folder: Path
+    failed: dict[str, str]
+    any_estimate: bool
+
+
+def run(
+    spec: Any,
+    out: Path,
+    progress: Progress,
+    until: str = "report",
+    only: Sequence[str] = (),
+    overwrite: bool = False,
+) -> Outcome:
+    """Takes one scenario through its stages up to ``until``.
+
+    Raises
+        ScenarioError: the input is wrong; nothing half-written stays behind.
+    """
+    labels = [e.title for e in spec.estimator]
+    for label in only:
+        if label not in labels:
+            raise ScenarioError(f"--estimator: found {label!r}, {nearest(label, labels)}")
+    store = Store.open(out, spec, overwrite)
+    key = digest(config_hash(_without_estimators(spec)), code_digest("simulate"))
+    _simulate(store, spec, key, progress)
+    chosen = [e for e in spec.estimator if not only or e.title in only]
+    failed: dict[str, str] = {}
+    if until in ("estimate", "report"):
+        for estimator in chosen:
+            reason = _estimate(store, estimator, key, progress)
+            if reason is not None:
+                failed[estimator.title] = reason
+    if until == "report":
+        with progress.stage("report", 1) as advance:
+            write_report(store.folder)
+            advance()
+    return Outcome(out, failed, len(failed) < len(chosen))
+
+
+def _without_estimators(spec: Scenario) -> Scenario:
+    """What simulation depends on; the estimators are none of its business."""
+    return Scenario(**{k: getattr(spec, k) for k in Scenario.model_fields if k != "measure"}, measure=spec.measure)
+
+
+def _simulate(store: Store, spec: Scenario, key: str, progress: Progress) -> None:
+    if store.is_done("simulate", key) and (not spec.render.enabled or store.is_done("render", key)):
+        progress.say("simulate  from cache")
+        store.prepare()
+        return
+    with progress.stage("simulate", 1) as advance:
+        world = build_world(spec)
+        observations, truth = simulate(spec, world=world)
+        advance()
+    if spec.render.enabled:
+        from scenarios.footage import SIDES, image_name  # needs OpenGL, which a run without pictures does not
+
+        names = tuple((image_name(SIDES[0], k), image_name(SIDES[1], k)) for k in range(len(world.t_s)))
+        observations = dataclasses.replace(observations, images=names)
+    store.prepare()
+
+    def write(scratch: Path) -> None:
+        observations.save(scratch / "observations")
+        truth.save(scratch / "truth")
+
+    store.run("simulate", key, ("observations/observations.npz", "truth/truth.npz"), write)
+    if spec.render.enabled:
+        _render(store, spec, world, key, progress)
+
+
+def _render(store: Store, spec: Scenario, world: World, key: str, progress: Progress) -> None:
+    from scenarios.footage import write_footage
+
+    kinds = {"observations/images": True, "truth/depth": spec.render.truth_images}
+    kinds |= {"truth/instance": spec.render.truth_images, "truth/flow": spec.render.flow}
+    outputs = tuple(k for k, wanted in kinds.items() if wanted)
+    with progress.stage("render", len(world.t_s)) as advance:
+
+        def draw(scratch: Path) -> None:
+            write_footage(spec, world, scratch, advance)
+            for output in outputs:
+                (scratch / output).parent.mkdir(exist_ok=True)
+                (scratch / Path(output).name).rename(scratch / output)
+
+        store.run("render", key, outputs, draw)
+
+
+def _estimate(store: Store, estimator: Any, key: str, progress: Progress) -> str | None:
+    """Runs one estimator on the observations folder alone; the reason where it gave nothing."""
+    label = estimator.title
+    folder = f"estimates/{label}"
+    key = digest(key, estimator.model_dump(mode="json"), code_digest("estimate"))
+    with progress.stage(f"estimate {label}", 1) as advance:
+
+        def work(scratch: Path) -> None:
+            observations = Observations.load(store.folder / "observations")
+            result = estimator.build()(observations)
+            target = scratch / folder
+            target.mkdir(parents=True)
+            if isinstance(result, EstimationFailed):
+                (target / "failure.json").write_text(json.dumps({"reason": result.reason, "hints": result.hints}))
+            else:
+                result.save(target)
+
+        store.run(f"estimate {label}", key, (folder,), work)
+        advance()
+    failure = store.folder / folder / "failure.json"
+    return str(json.loads(failure.read_text())["reason"]) if failure.is_file() else None
+
+
+def load_estimate(folder: Path) -> TrajectoryEstimate | EstimationFailed:
+    """What an estimator left in its folder."""
+    failure = folder / "failure.json"
+    if failure.is_file():
+        stored = json.loads(failure.read_text(encoding="utf-8"))
+        return EstimationFailed(stored["reason"], tuple(stored["hints"]))
+    return TrajectoryEstimate.load(folder)
+
+
+def load_products(folder: Path) -> tuple[Observations, Truth]:
+    """Observations and truth of a run folder."""
+    return Observations.load(folder / "observations"), Truth.load(folder / "truth")

@@ -1,0 +1,115 @@
+"""Rendered images of a run: one state of the world per frame gives colour, depth, mask and flow, left and right."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sim.pose import Pose
+from sim.render import Item, Light, Renderer, View, optical_flow
+from sim.scenario import Scenario
+from sim.sensor import Sensor, expose
+from sim.streams import stream
+from sim.world import World
+
+Array = np.ndarray
+SIDES = ("left", "right")
+# KITTI's 16-bit forms: depth in 1/256 m; flow in 1/64 px around 2^15, third channel whether it is known.
+_DEPTH_SCALE = 256.0
+_PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+STATIC_INSTANCE = 1
+
+
+def image_name(side: str, frame: int) -> str:
+    """File of a rendered image, relative to the observations folder."""
+    return f"images/{side}/{frame:06d}.png"
+
+
+def items(world: World) -> list[Item]:
+    """What is drawn: the street is instance 1, vehicle i is instance i + 2; grids without a body are left out."""
+    street = [Item(p.model, STATIC_INSTANCE) for p in world.props]
+    cars = [Item(a.model, i + 2) for i, a in enumerate(world.actors) if len(a.model.solid_faces)]
+    return street + cars
+
+
+def item_poses(world: World, t: float) -> list[Pose]:
+    """Poses of the `items` at a time."""
+    return [p.T_wb for p in world.props] + [a.trajectory.pose(t) for a in world.actors if len(a.model.solid_faces)]
+
+
+def views(scenario: Scenario, world: World, products: frozenset[str]) -> Iterator[tuple[View, View]]:
+    """Both views of every frame, before the sensor."""
+    road = scenario.world
+    light = Light.daylight(road.sun_azimuth_deg, road.sun_elevation_deg, shadows=scenario.render.shadows)
+    with Renderer(items(world), light, scenario.render.supersample) as renderer:
+        for t in world.t_s:
+            yield renderer.render_stereo(world.rig, world.T_wc(t), item_poses(world, t), products)
+
+
+def write_footage(scenario: Scenario, world: World, folder: Path, advance: Callable[[], None]) -> None:
+    """Renders all frames into ``folder``: the sensor's images and, as asked for, true depth, instance and flow.
+
+    Frames are written by a second thread while the next one is drawn; at most a few wait, so memory does not grow.
+    """
+    spec = scenario.render
+    products = {"color"} | ({"depth", "instance"} if spec.truth_images or spec.flow else set())
+    for kind in ("images", *(("depth", "instance") if spec.truth_images else ()), *(("flow",) if spec.flow else ())):
+        for side in SIDES:
+            (folder / kind / side).mkdir(parents=True, exist_ok=True)
+    waiting: list[Future[None]] = []
+    with ThreadPoolExecutor(max_workers=1) as pool:
+        for k, pair in enumerate(views(scenario, world, frozenset(products))):
+            waiting.append(pool.submit(_write_frame, scenario, world, folder, k, pair))
+            while len(waiting) > 2:
+                waiting.pop(0).result()
+            advance()
+        for job in waiting:
+            job.result()
+
+
+def _write_frame(scenario: Scenario, world: World, folder: Path, k: int, pair: tuple[View, View]) -> None:
+    spec = scenario.render
+    sensor = Sensor(
+        spec.blur_px, spec.vignetting, spec.gain, spec.read_noise, spec.shot_noise, jpeg_quality=spec.jpeg_quality
+    )
+    for side, view in zip(SIDES, pair, strict=True):
+        assert view.color is not None
+        rng = stream(scenario.seed, 0, f"camera/{side}/sensor/{k}")
+        _write(folder / image_name(side, k), expose(view.color, sensor, rng)[:, :, ::-1])
+        if spec.truth_images and view.depth is not None and view.instance is not None:
+            depth = np.clip(np.rint(view.depth * _DEPTH_SCALE), 0, 65535).astype(np.uint16)
+            _write(folder / f"depth/{side}/{k:06d}.png", depth)
+            _write(folder / f"instance/{side}/{k:06d}.png", view.instance)
+        if spec.flow and k + 1 < len(world.t_s):
+            _write(folder / f"flow/{side}/{k:06d}.png", _flow_png(world, k, side, view))
+
+
+def _flow_png(world: World, k: int, side: str, view: View) -> Array:
+    """Flow to the next frame in KITTI's form: (known, v, u) as OpenCV orders channels."""
+    assert view.depth is not None
+    assert view.instance is not None
+    t0, t1 = world.t_s[k], world.t_s[k + 1]
+    T_lc = Pose.identity() if side == "left" else world.rig.T_rl.inv()
+    camera = world.rig.left if side == "left" else world.rig.right
+    flow = optical_flow(
+        view.depth,
+        view.instance,
+        camera,
+        world.T_wc(t0) @ T_lc,
+        world.T_wc(t1) @ T_lc,
+        item_poses(world, t0),
+        item_poses(world, t1),
+        [i.instance for i in items(world)],
+    )
+    known = np.isfinite(flow).all(axis=2) & (np.abs(flow) < 511).all(axis=2)
+    coded = np.where(known[..., None], flow * 64 + 2**15, 0)
+    return np.dstack([known, coded[..., 1], coded[..., 0]]).astype(np.uint16)
+
+
+def _write(path: Path, image: Array) -> None:
+    if not cv2.imwrite(str(path), image, _PNG_FAST):
+        raise OSError(f"{path} cannot be written")

@@ -1,0 +1,42 @@
+"""The few numbers a run shows on the terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pandas as pd
+from rich.console import Console
+from rich.table import Table
+
+_ROWS = (
+    ("position", "z", "bias"),
+    ("position", "z", "rms"),
+    ("position", "z", "crb"),
+    ("position", "z", "efficiency"),
+    ("velocity", "all", "rms"),
+    ("yaw_rate", "all", "rms"),
+)
+
+
+def show(console: Console, folder: Path) -> None:
+    """Prints the headline metrics of a run folder, one column per estimator."""
+    metrics = pd.read_csv(folder / "metrics.csv", keep_default_na=False)
+    plain = metrics[(metrics["bin"] == "") & (metrics["entity"] != "smoothed") & (metrics["estimator"] != "")]
+    labels = list(dict.fromkeys(plain["estimator"]))
+    table = Table(box=None, pad_edge=False, show_edge=False)
+    table.add_column("")
+    for label in labels:
+        table.add_column(label, justify="right", overflow="fold")
+    for quantity, axis, statistic in _ROWS:
+        cells = []
+        for label in labels:
+            hit = plain[
+                (plain["estimator"] == label)
+                & (plain["quantity"] == quantity)
+                & (plain["axis"] == axis)
+                & (plain["statistic"] == statistic)
+            ]
+            cells.append(f"{float(hit['value'].iloc[0]):.3g} {hit['unit'].iloc[0]}" if len(hit) else "-")
+        name = f"{quantity} {axis}" if axis != "all" else quantity
+        table.add_row(f"{name.replace('_', ' ')} {statistic}", *cells)
+    console.print(table, highlight=False)
