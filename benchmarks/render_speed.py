@@ -1,7 +1,7 @@
 """A view by our renderer at 2x with shadows against stock pyrender at 1x with multisampling and shadows.
 
-Three cars on a road at 1024 x 768; the same meshes, textures, poses and sun, alternating in one process and one kind of context.
-Prints the median times and the median of the ratios.
+Three cars on a road at 1024 x 768; the same meshes, textures, poses and sun, alternating in one process. Prints
+the median times and the median of the ratios.
 
     python benchmarks/render_speed.py [--repeats N]
 """
@@ -46,7 +46,9 @@ def road() -> Model:
 def three_cars() -> tuple[list[Item], list[Pose]]:
     rng = np.random.default_rng(1)
     items, poses = [Item(road(), 1)], [Pose.identity()]
-    for i, (kind, x, y, heading) in enumerate([("sedan", 1.5, 14, 175), ("estate", -3.5, 12, 60), ("van", 4.5, 22, 200)]):
+    for i, (kind, x, y, heading) in enumerate(
+        [("sedan", 1.5, 14, 175), ("estate", -3.5, 12, 60), ("van", 4.5, 22, 200)]
+    ):
         items.append(Item(make_vehicle(kind, rng), 2 + i))
         poses.append(Pose(vehicle_rotation(np.deg2rad(heading)), np.array([x, y, 0.0])))
     return items, poses
@@ -68,10 +70,14 @@ def stock(items: list[Item], poses: list[Pose]) -> Callable[[], object]:
         primitives = []
         for s in item.model.levels[0]:
             texture = None if s.texture is None else pyrender.Texture(source=s.texture, source_channels="RGB")
-            material = pyrender.MetallicRoughnessMaterial(metallicFactor=0.1, roughnessFactor=0.6, baseColorTexture=texture)
+            material = pyrender.MetallicRoughnessMaterial(
+                metallicFactor=0.1, roughnessFactor=0.6, baseColorTexture=texture
+            )
             color = np.column_stack([s.color, np.ones(len(s.color))]).astype(np.float32)
             primitives.append(
-                pyrender.Primitive(s.vertices, s.normals, texcoord_0=s.uv, color_0=color, indices=s.faces, material=material)
+                pyrender.Primitive(
+                    s.vertices, s.normals, texcoord_0=s.uv, color_0=color, indices=s.faces, material=material
+                )
             )
         mesh = pyrender.Mesh(primitives)
         corners = np.concatenate([s.vertices for s in item.model.levels[0]])
@@ -83,9 +89,7 @@ def stock(items: list[Item], poses: list[Pose]) -> Callable[[], object]:
     sun[:3, :3] = np.stack([x, np.cross(z, x), z], axis=1)
     scene.add(pyrender.DirectionalLight(intensity=3.0), pose=sun)
     eye = T_WC.matrix() @ rotation_matrix(np.pi, [1, 0, 0])
-    scene.add(
-        pyrender.IntrinsicsCamera(FOCAL_PX, FOCAL_PX, SIZE[0] / 2, SIZE[1] / 2, znear=0.5, zfar=250.0), pose=eye
-    )
+    scene.add(pyrender.IntrinsicsCamera(FOCAL_PX, FOCAL_PX, SIZE[0] / 2, SIZE[1] / 2, znear=0.5, zfar=250.0), pose=eye)
     renderer = pyrender.OffscreenRenderer(*SIZE)
     return lambda: renderer.render(scene, flags=pyrender.RenderFlags.SHADOWS_DIRECTIONAL)
 
@@ -106,7 +110,7 @@ def main() -> None:
         call()
     t = np.array([[seconds(call) for call in pair] for _ in range(repeats)]) * 1000
     triangles = sum(len(s.faces) for i in items for s in i.model.levels[0])
-    print(f"{platform.processor() or platform.machine()}, {triangles} triangles, {SIZE[0]} x {SIZE[1]}, {repeats} alternating runs")
+    print(f"{platform.machine()}, {triangles} triangles, {SIZE[0]} x {SIZE[1]}, {repeats} alternating runs")
     print(f"ours, 2x, shadows      {np.median(t[:, 0]):7.1f} ms")
     print(f"stock, MSAA, shadows   {np.median(t[:, 1]):7.1f} ms")
     print(f"median ratio           {np.median(t[:, 0] / t[:, 1]):7.2f}")

@@ -1,14 +1,14 @@
 """From the world to images: colour, depth, instance mask and optical flow. The only importer of pyrender and OpenGL.
 
-    light       sun, sky and haze; the picture of the sky
-    placement   items, level of detail, culling          pure geometry
-    view        projection and light boxes               pure geometry
-    lens        distortion by resampling                 pure geometry
-    flow        optical flow from depth and poses        pure geometry
-    context     the process's OpenGL context
-    gpu         buffers, textures, shaders               OpenGL
-    passes      what is drawn in which order             OpenGL
-    renderer    `Renderer`, which calls them
+light       sun, sky and haze; the picture of the sky
+placement   items, level of detail, culling          pure geometry
+view        projection and light boxes               pure geometry
+lens        distortion by resampling                 pure geometry
+flow        optical flow from depth and poses        pure geometry
+context     the process's OpenGL context
+gpu         buffers, textures, shaders               OpenGL
+passes      what is drawn in which order             OpenGL
+renderer    `Renderer`, which calls them
 """
 
 from sim.render.context import RendererUnavailable

@@ -25,10 +25,10 @@ def optical_flow(
 ) -> Float[Array, "h w 2"]:
     """Where the surface point of each pixel moves between two moments: ``project(T_cc p(u, v, z)) - (u, v)`` [px].
 
-    With ``T_cc = T_wc_1^-1 T_w_item_1 T_w_item_0^-1 T_wc_0`` of the pixel's item (``ids``: instance per item). The sky is at
-    infinity and moves with the camera's rotation alone. NaN where the point comes to lie behind the camera. float32.
+    With ``T_cc = T_wc_1^-1 T_w_item_1 T_w_item_0^-1 T_wc_0`` of the pixel's item (``ids``: instance per item). The sky
+    is at infinity and moves with the camera's rotation alone. NaN where the point comes to lie behind the camera.
 
-    Raises ``ValueError`` if items that share an instance do not move as one, or the mask holds an instance without item.
+    Raises ``ValueError`` if items of one instance do not move as one, or the mask holds an instance without item.
     """
     T_cc = _motions(T_wc_0, T_wc_1, T_w_items_0, T_w_items_1, ids)
     w, h = camera.size_px

@@ -106,7 +106,7 @@ class Programs:
 
     def use(self, vertex: str, fragment: str, defines: tuple[str, ...] = (), **uniforms: Any) -> None:
         """Binds a program and sets its uniforms: int, float, or arrays (2,), (3,), (4, 4)."""
-        program = self._cache.get_program(vertex, fragment, defines={name: 1 for name in defines})
+        program = self._cache.get_program(vertex, fragment, defines=dict.fromkeys(defines, 1))
         if not program._in_context():
             program._add_to_context()
         program._bind()

@@ -46,8 +46,8 @@ class Light:
 
     @staticmethod
     def daylight(
-        azimuth_deg: float = 150.0,
-        elevation_deg: float = 42.0,
+        azimuth_deg: float = 125.0,
+        elevation_deg: float = 40.0,
         strength: float = 1.0,
         ambient: float = 1.0,
         exposure: float = 0.62,
@@ -63,7 +63,7 @@ class Light:
             to_sun=to_sun,
             sun=strength * np.array([2.35, 2.2, 1.95]),
             zenith=ambient * np.array([0.20, 0.40, 0.85]),
-            horizon=ambient * np.array([0.80, 0.93, 1.08]),
+            horizon=ambient * np.array([0.92, 1.04, 1.16]),
             ground=ambient * np.array([0.26, 0.25, 0.22]),
             exposure=exposure,
             haze_m=haze_m,
@@ -76,13 +76,14 @@ class Light:
     def sky_light(self) -> Float[Array, "3"]:
         """Ambient light on a surface that faces up: the mean of the sky."""
         blue = 0.5 * (self.zenith + self.horizon)
-        return blue + self.clouds * (0.9 - blue)
+        return np.asarray(blue + self.clouds * (0.9 - blue))
 
 
 def sky_direction(size: int) -> Float[Array, "s s 3"]:
     """World directions of the sky picture's pixels; row 0 holds the smallest y.
 
-    The whole sphere in Lambert's azimuthal projection: ``(u, v) = 1/2 + (x, y) / (2 sqrt(2 (1 + z)))``, zenith in the middle.
+    The whole sphere in Lambert's azimuthal projection, zenith in the middle:
+    ``(u, v) = 1/2 + (x, y) / (2 sqrt(2 (1 + z)))``.
     """
     a = (np.arange(size) + 0.5) / size * 2 - 1
     x, y = np.meshgrid(a, a)
@@ -94,13 +95,13 @@ def sky_direction(size: int) -> Float[Array, "s s 3"]:
 def _clouds(d: Array, light: Light) -> Array:
     """Density of the clouds 0..1 in the directions d (h, w, 3): a flat layer, lost in the haze at the horizon."""
     rng = stream(light.seed, 0, "sky/clouds")
-    tiled = np.pad(noise((1024, 1024), 3.4, rng), ((0, 1), (0, 1)), mode="wrap")
+    tiled = np.pad(noise((1024, 1024), 3.0, rng), ((0, 1), (0, 1)), mode="wrap")
     height = np.maximum(d[..., 2], 0.02) + 0.06
-    at = (np.mod(d[..., :2] / height[..., None] * 90.0, 1024)).astype(np.float32)
+    at = (np.mod(d[..., :2] / height[..., None] * 120.0, 1024)).astype(np.float32)
     value = cv2.remap(tiled, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
-    threshold = 2.2 - 4.0 * light.clouds
-    density = np.clip((value - threshold) / 2.4 + 0.25, 0, 1)
-    return density**1.5 * np.clip(d[..., 2] / 0.25, 0, 1)
+    threshold = 2.0 - 4.0 * light.clouds
+    density = np.clip((value - threshold) / 1.6, 0, 1)
+    return np.asarray(density * (2 - density) * np.clip(d[..., 2] / 0.10, 0, 1))
 
 
 def sky_picture(light: Light, size: int = 1024) -> Float[Array, "s s 3"]:
@@ -111,7 +112,7 @@ def sky_picture(light: Light, size: int = 1024) -> Float[Array, "s s 3"]:
     toward_sun = np.clip(np.sum(d * light.to_sun, axis=-1, keepdims=True), 0, 1)
     glow = 0.25 * toward_sun**8 + 0.9 * toward_sun**96
     density = _clouds(d, light)[..., None]
-    cloud = np.array([1.05, 1.05, 1.07]) * (0.85 + 0.35 * toward_sun**4) - 0.35 * density**2
+    cloud = np.array([1.30, 1.29, 1.30]) * (0.85 + 0.35 * toward_sun**4) - 0.40 * density**2
     sky = sky + 0.85 * density * (cloud - sky) + glow * light.sun / 2.2
     below = np.clip(-d[..., 2:] / 0.10, 0, 1)
     ground = light.ground * (0.95 - 0.55 * np.clip(-d[..., 2:], 0, 1))

@@ -1,7 +1,7 @@
 """The four drawing passes: light maps, surfaces, sky, and truth (depth and instance at exact pixel centres).
 
-Own passes on pyrender's buffers and shader cache instead of its `Renderer`: that one spends 0.3 ms of Python per primitive,
-multisamples always, tells neither instances apart nor the sky, and takes the depth of a corner of the pixel.
+Own passes on pyrender's buffers and shader cache instead of its `Renderer`: that one spends 0.3 ms of Python per
+primitive, always multisamples, draws no sky, knows no instances and takes depth at a multisample, not the pixel centre.
 To be imported only once `sim.render.context` has an OpenGL context.
 """
 
@@ -50,6 +50,7 @@ class Passes:
             if s.texture is not None and key not in images:
                 images[key] = SurfaceTexture(s.texture, s.repeat)
             self._textures.append(images.get(key))
+        self._images = list(images.values())
         self._glossy = [bool(s.gloss.any()) for s in surfaces]
         self._sky = radiance_texture(sky_picture(light))
         self._empty = int(GL.glGenVertexArrays(1))
@@ -100,7 +101,7 @@ class Passes:
         return target.read(GL.GL_RGBA, GL.GL_UNSIGNED_BYTE)
 
     def truth(self, eye: Eye, finer: int, draws: Sequence[Batch]) -> Array:
-        """(h finer, w finer, 2) float32: depth along z [m] and instance at the pixel centres, 0 where there is nothing."""
+        """(h finer, w finer, 2) float32: depth along z [m] and instance at the pixel centres, 0 in the sky."""
         target = self._target(eye.camera, finer, GL.GL_RG32F)
         target.bind()
         GL.glClearColor(0, 0, 0, 0)
@@ -126,7 +127,7 @@ class Passes:
             "eye": eye.center,
             "to_sun": light.to_sun,
             "sun": light.sun,
-            "sun_glint": 12.0 * light.sun,
+            "sun_glint": 20.0 * light.sun,
             "sky_light": light.sky_light,
             "ground_light": light.ground,
             "haze_per_m": float(np.log2(np.e) / light.haze_m),
@@ -173,10 +174,15 @@ class Passes:
         return target
 
     def delete(self) -> None:
-        for texture in {id(t): t for t in self._textures if t is not None}.values():
+        for texture in self._images:
             texture.delete()
-        for resource in (*self._buffers, self._sun_map, self._zenith_map, *self._targets.values(), self._programs):
-            resource.delete()
+        for buffer in self._buffers:
+            buffer.delete()
+        for target in self._targets.values():
+            target.delete()
+        self._sun_map.delete()
+        self._zenith_map.delete()
+        self._programs.delete()
         GL.glDeleteTextures([self._sky])
         GL.glDeleteVertexArrays(1, [self._empty])
 
@@ -195,4 +201,4 @@ def _prepare(clear: int) -> None:
 
 def _map_step(light_map: LightMap, length_m: float) -> Float[Array, "2"]:
     """A length in metres along both axes of the map, in map coordinates."""
-    return np.linalg.norm(light_map.unit_from_anchor[:2, :3], axis=-1) * length_m
+    return np.asarray(np.linalg.norm(light_map.unit_from_anchor[:2, :3], axis=-1) * length_m)

@@ -148,4 +148,4 @@ def outside(clip: Float[Array, "r 8 4"]) -> Bool[Array, "r"]:
     """Whether boxes with corners in clip coordinates lie wholly beyond one plane of the view (the far one apart)."""
     x, y, z, w = np.moveaxis(clip, -1, 0)
     beyond = [x > w, x < -w, y > w, y < -w, z < -w]
-    return np.any([b.all(axis=-1) for b in beyond], axis=0)
+    return np.asarray(np.any([b.all(axis=-1) for b in beyond], axis=0))

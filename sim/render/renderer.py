@@ -40,8 +40,8 @@ class View:
 class Renderer:
     """A scene in the graphics memory: made once, then only the poses change. Use it in a ``with`` statement.
 
-    Colour is drawn ``supersample`` times finer in each direction and averaged. All renderers of a process share one OpenGL
-    context and must be used from one thread.
+    Colour is drawn ``supersample`` times finer in each direction and averaged. All renderers of a process share one
+    OpenGL context and must be used from one thread.
 
     Raises `RendererUnavailable` where the machine has no OpenGL.
     """
@@ -62,7 +62,9 @@ class Renderer:
     def __enter__(self) -> Renderer:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
         self.close()
 
     def close(self) -> None:
@@ -81,7 +83,7 @@ class Renderer:
     def render_stereo(
         self, rig: StereoRig, T_wc: Pose, T_w_items: Sequence[Pose], products: frozenset[str] = PRODUCTS
     ) -> tuple[View, View]:
-        """Both images of one moment from one state: same levels of detail, shadows drawn once. ``T_wc`` is the left's."""
+        """Both images of one moment from one state: same levels of detail, shadows drawn once. ``T_wc``: the left's."""
         eyes = [(rig.left, T_wc), (rig.right, T_wc @ rig.T_rl.inv())]
         left, right = self._render(eyes, T_w_items, products)
         return left, right

@@ -1,6 +1,6 @@
 """From camera and light to the matrices of OpenGL. Pure geometry without OpenGL.
 
-Images are drawn upside down: clip y points down like the pixels' v, so row 0 of the framebuffer is the top of the image.
+Images are drawn upside down: clip y points down like the pixels' v, so the framebuffer's row 0 is the image's top.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Eye:
         w, h = self.camera.size_px
         u, v = np.meshgrid(np.linspace(-0.5, w - 0.5, n), np.linspace(-0.5, h - 0.5, n))
         xy = self.camera.normalise(np.stack([u, v], axis=-1).reshape(-1, 2))
-        return np.column_stack([xy, np.ones(len(xy))]) @ self.T_c_anchor[:3, :3]
+        return np.asarray(np.column_stack([xy, np.ones(len(xy))]) @ self.T_c_anchor[:3, :3])
 
     def ray_of_clip(self) -> Float[Array, "4 4"]:
         """World direction of the clip coordinates (x, y, 1), in the upper left 3 x 3."""
@@ -81,11 +81,15 @@ def seen_points(eye: Eye, corners: Float[Array, "r 8 3"], range_m: float) -> Flo
     hit = leave > enter
     start = enter[hit]
     ends = np.concatenate([start, np.minimum(leave[hit], start + range_m)])
-    return eye.center + np.concatenate([rays[hit], rays[hit]]) * ends[:, None]
+    return np.asarray(eye.center + np.concatenate([rays[hit], rays[hit]]) * ends[:, None])
 
 
 def fit_light_box(
-    to_light: Float[Array, "3"], eyes: Sequence[Eye], corners: Float[Array, "r 8 3"], casts: Bool[Array, "r"], range_m: float
+    to_light: Float[Array, "3"],
+    eyes: Sequence[Eye],
+    corners: Float[Array, "r 8 3"],
+    casts: Bool[Array, "r"],
+    range_m: float,
 ) -> tuple[Float[Array, "4 4"], float] | None:
     """Clip coordinates of parallel light, and the width of the box [m]; None where no shadow can be seen.
 

@@ -5,11 +5,10 @@ uniform sampler2D sky;
 uniform float exposure;
 out vec4 pixel;
 
-// Filmic response with its gamma, a rational fit (Hejl and Burgess-Dawson 2010); the same in surface.frag and sky.frag.
+// Filmic response (Narkowicz's fit of ACES, 2016), then gamma 2; the same in surface.frag and sky.frag.
 vec3 tone(vec3 light)
 {
-    vec3 x = max(light - 0.004, 0.0);
-    return (x * (6.2 * x + 0.5)) / (x * (6.2 * x + 1.7) + 0.06);
+    return sqrt(clamp(light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14), 0.0, 1.0));
 }
 
 void main()

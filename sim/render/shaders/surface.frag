@@ -43,11 +43,10 @@ uniform vec2 zenith_step;
 #endif
 out vec4 pixel;
 
-// Filmic response with its gamma, a rational fit (Hejl and Burgess-Dawson 2010); the same in surface.frag and sky.frag.
+// Filmic response (Narkowicz's fit of ACES, 2016), then gamma 2; the same in surface.frag and sky.frag.
 vec3 tone(vec3 light)
 {
-    vec3 x = max(light - 0.004, 0.0);
-    return (x * (6.2 * x + 0.5)) / (x * (6.2 * x + 1.7) + 0.06);
+    return sqrt(clamp(light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14), 0.0, 1.0));
 }
 
 #ifdef WITH_SHADOWS
@@ -88,7 +87,7 @@ void main()
     vec2 at = 0.5 + 0.5 * mirrored.xy * inversesqrt(2.0 * max(1.0 + mirrored.z, 0.002));
     vec3 seen = textureLod(sky, at, 6.0 * (1.0 - smoothness)).rgb;
     float glint = clamp(dot(mirrored, to_sun), 0.0001, 1.0);
-    seen = seen * mix(open, 1.0, 0.35) + sun_glint * (pow(glint, 512.0) * sunlit * smoothness);
+    seen = seen * mix(open, 1.0, 0.35) + sun_glint * (pow(glint, 1500.0) * sunlit * smoothness);
     light = mix(light, seen, share);
     float distance = inverse * dot(v_ray, v_ray);
 #else
