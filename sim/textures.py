@@ -20,13 +20,13 @@ Color = tuple[float, float, float]
 def srgb_from_linear(x: ArrayLike) -> Array:
     """sRGB code value in 0..1 of linear light in 0..1 (IEC 61966-2-1)."""
     v = np.clip(np.asarray(x, float), 0, 1)
-    return np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055)
+    return np.asarray(np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055))
 
 
 def linear_from_srgb(x: ArrayLike) -> Array:
     """Linear light in 0..1 of an sRGB code value in 0..1."""
     v = np.asarray(x, float)
-    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+    return np.asarray(np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4))
 
 
 def noise(shape: tuple[int, int], beta: float, rng: np.random.Generator, stretch: float = 1.0) -> Float[Array, "h w"]:

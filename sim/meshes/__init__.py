@@ -1,9 +1,30 @@
 """Vehicles and other bodies: parametric cars, vans, lorries and buses, mesh files, point grids, surface points.
 
-`make_vehicle` builds a kind, `load_mesh` reads a file, `point_grid` is a grid without a body; `sample_surface` draws
-measurable points and `volumes_intersect` tests two placed bodies.
+    shapes     outlines of the kinds
+    solid      closed parts, their primitives and their union into one surface
+    body       lofted bodies with wheel arches
+    wheels     tyres and rims
+    atlas      which side lies where on a vehicle's texture
+    paint      the texture: glass, seams, lamps, plates, dirt
+    vehicles   `make_vehicle`: all of it scaled to a size, in three levels of detail
+    files      `load_mesh` and `point_grid`
+    volume     `sample_surface`, `volumes_intersect`
 """
 
+from sim.meshes.files import MeshError, OpenMeshWarning, load_mesh, point_grid
+from sim.meshes.paint import PAINTS
 from sim.meshes.vehicles import VEHICLE_KINDS, make_vehicle
+from sim.meshes.volume import bounding_box, sample_surface, volumes_intersect
 
-__all__ = ["VEHICLE_KINDS", "make_vehicle"]
+__all__ = [
+    "PAINTS",
+    "VEHICLE_KINDS",
+    "MeshError",
+    "OpenMeshWarning",
+    "bounding_box",
+    "load_mesh",
+    "make_vehicle",
+    "point_grid",
+    "sample_surface",
+    "volumes_intersect",
+]

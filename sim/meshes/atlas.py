@@ -1,4 +1,4 @@
-"""Where each side of a vehicle lies on its one texture: flank (both sides share it), top (mirrored), front, rear, wheel."""
+"""Where each side of a vehicle lies on its one texture: flank (shared by both), top (mirrored), front, rear, wheel."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from sim.textures import Board
 
 Array = np.ndarray
 _MARGIN_M = 0.06
+_SIGNS = {"side": (1, -1), "top": (1, 1), "front": (1, -1), "rear": (-1, -1), "wheel": (1, -1), "white": (1, 1)}
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class Atlas:
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns of the texture."""
-        L, W, H = self.size_m
+        _, W, H = self.size_m
         rows = (2 * H + W / 2 + 4 * _MARGIN_M) * self.scale
         return (self.width_px if rows > self.width_px / 2 else self.width_px // 2), self.width_px
 
@@ -49,12 +50,10 @@ class Atlas:
             "white": (3 * _MARGIN_M + 2 * W + 0.1, row + 2.4 * self.wheel_m + 0.1),
         }
 
-    _SIGNS = {"side": (1, -1), "top": (1, 1), "front": (1, -1), "rear": (-1, -1), "wheel": (1, -1), "white": (1, 1)}
-
     def board(self, chart: str, image: Float[Array, "h w 3"]) -> Board:
         """Drawing board of a chart: side (x, z), top (x, |y|), front and rear (y, z), wheel (x, z)."""
         a, b = self.origins()[chart]
-        sa, sb = self._SIGNS[chart]
+        sa, sb = _SIGNS[chart]
         x0, y0, x1, y1 = (max(round(e * self.scale), 0) for e in self._extent(chart))
         origin = (a * self.scale - x0, b * self.scale - y0)
         return Board(image[y0:y1, x0:x1], origin, (sa * self.scale, sb * self.scale))
@@ -76,11 +75,13 @@ class Atlas:
 
     def uv(self, chart: str, points: Float[Array, "*n 2"]) -> Float[Array, "*n 2"]:
         """Texture coordinates of chart coordinates [m]."""
-        px = np.asarray(points, float) * self._SIGNS[chart] + self.origins()[chart]
+        px = np.asarray(points, float) * _SIGNS[chart] + self.origins()[chart]
         rows, columns = self.shape
         return np.stack([px[..., 0] * self.scale / columns, 1 - px[..., 1] * self.scale / rows], axis=-1)
 
-    def project(self, corners: Float[Array, "f 3 3"], normals: Float[Array, "f 3"], rear_m: float) -> Float[Array, "f 3 2"]:
+    def project(
+        self, corners: Float[Array, "f 3 3"], normals: Float[Array, "f 3"], rear_m: float
+    ) -> Float[Array, "f 3 2"]:
         """Texture coordinates of body faces, each on the chart it faces; ``rear_m`` is the rear overhang."""
         x, y, z = corners[..., 0] + rear_m, corners[..., 1], corners[..., 2]
         flat: dict[str, tuple[Bool[Array, " f"], Array]] = {

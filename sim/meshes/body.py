@@ -75,7 +75,7 @@ def _stations(hull: Hull, chassis: Chassis, detail: Detail) -> Array:
     """x of the sections, dense where the outline turns."""
     x0, x1 = hull.top[0][0] + hull.tail_bulge_m, hull.top[-1][0] - hull.nose_bulge_m
     ends = 1 - np.cos(np.linspace(0, np.pi / 2, 2 + detail.cap))
-    xs = [x0 + hull.tail_round[0] * ends, x1 - hull.nose_round[0] * ends]
+    xs: list[Array] = [x0 + hull.tail_round[0] * ends, x1 - hull.nose_round[0] * ends]
     breaks = np.array([p[0] for p in hull.top])
     if detail.arch:
         xs.append(np.concatenate([breaks - hull.smooth_m / 2, breaks + hull.smooth_m / 2]))
@@ -83,7 +83,7 @@ def _stations(hull: Hull, chassis: Chassis, detail: Detail) -> Array:
             angle = np.linspace(0, np.pi, 2 * detail.arch + 1)
             for c in chassis.wheels_x:
                 arch = c + chassis.arch_m * np.cos(angle)
-                xs += [arch, [c - chassis.arch_m - 0.012, c + chassis.arch_m + 0.012]]
+                xs += [arch, c + (chassis.arch_m + 0.012) * np.array([-1, 1])]
     else:
         xs.append(breaks)
     x = np.unique(np.clip(np.concatenate(xs), x0, x1))
@@ -94,7 +94,8 @@ def _stations(hull: Hull, chassis: Chassis, detail: Detail) -> Array:
             keep.append(i)
     x = np.append(x[keep], x[-1])
     gaps = np.ceil(np.diff(x) / detail.gap_m).astype(int)
-    return np.concatenate([np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(x[:-1], x[1:], gaps, strict=True)] + [x[-1:]])
+    filled = [np.linspace(a, b, n + 1)[:-1] for a, b, n in zip(x[:-1], x[1:], gaps, strict=True)]
+    return np.concatenate([*filled, x[-1:]])
 
 
 def _sill(hull: Hull, chassis: Chassis, x: Array, arches: bool) -> Array:

@@ -77,10 +77,10 @@ def paint_vehicle(
     return to_texture(image)
 
 
-def _arch(shape: Shape, x: Array | float, z: Array | float, wheel: int, grow: float) -> Array:
+def _arch(shape: Shape, z: Array, grow: float) -> Array:
     """Distance along x from a wheel's centre to a circle around its arch at height z."""
     r = 1.17 * shape.wheel_radius_m * grow
-    return np.sqrt(np.maximum(r**2 - (np.asarray(z) - shape.wheel_radius_m) ** 2, 0))
+    return np.sqrt(np.maximum(r**2 - (z - shape.wheel_radius_m) ** 2, 0))
 
 
 def _flank(p: Painter, heavy: bool) -> None:
@@ -119,8 +119,8 @@ def _doors(p: Painter, b: Board) -> None:
     bottom = s.hulls[0].sill_m + 0.075
     z = np.linspace(np.interp(s.doors[0], [0, s.size_m[0]], s.belt_m) + 0.02, bottom, 14) if s.doors else np.zeros(0)
     for x in s.doors:
-        xs = np.maximum(x - 0.02 * (z[0] - z), rear + np.where(x > rear, _arch(s, x, z, 0, 1.13), -9))
-        xs = np.minimum(xs, front - np.where(x < front, _arch(s, x, z, 1, 1.13), -9))
+        xs = np.maximum(x - 0.02 * (z[0] - z), rear + np.where(x > rear, _arch(s, z, 1.13), -9))
+        xs = np.minimum(xs, front - np.where(x < front, _arch(s, z, 1.13), -9))
         b.line(np.stack([xs, z], -1), 0.011, p.seam)
         b.line(np.stack([xs + 0.012, z], -1), 0.006, p.tone(1.3), 0.4)
     if len(s.doors) > 1:
@@ -288,6 +288,7 @@ def _rear(p: Painter, heavy: bool) -> None:
     t0, t1, depth = s.tail_light_m
     inner = (0.55 if depth > 0.3 else 0.74) * w if not heavy else 0.72 * w
     for side in (-1, 1):
+
         def lamp(y0: float, y1: float, z0: float, z1: float, color: Color, side: int = side) -> None:
             b.poly([(side * y0, z0), (side * y1, z0), (side * y1, z1), (side * y0, z1)], color)
 

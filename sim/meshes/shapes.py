@@ -33,7 +33,7 @@ class Shape:
     """A kind of vehicle: size (length, width, height), chassis, hulls and what is painted on them.
 
     ``windscreen`` and ``rear_window`` are x-ranges seen from above (None: drawn on the front or rear view only);
-    ``panes`` are x-ranges of side glass along the belt; ``doors`` the x of door seams; ``glass_top_m`` limits the glass.
+    ``panes`` are x-ranges of side glass along the belt; ``doors`` the x of door seams.
     """
 
     size_m: tuple[float, float, float]

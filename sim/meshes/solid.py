@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from sim.model import Surface
 
@@ -15,33 +16,39 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """Triangles counter-clockwise from outside; colour (linear), gloss per face, texture coordinates per corner."""
+    """Triangles counter-clockwise from outside; colour (linear), gloss per face, texture coordinates per corner.
+
+    ``normals`` per corner where they are not those of the geometry (foliage is shaded like a round crown); NaN or None
+    leaves them to `crease_normals`.
+    """
 
     vertices: Float[Array, "v 3"]
     faces: Int[Array, "f 3"]
     uv: Float[Array, "f 3 2"]
     color: Float[Array, "f 3"]
     gloss: Float[Array, "f"]
+    normals: Float[Array, "f 3 3"] | None = None
 
     def corners(self) -> Float[Array, "f 3 3"]:
-        return self.vertices[self.faces]
+        return np.asarray(self.vertices[self.faces])
 
     def moved(self, offset: Sequence[float]) -> Part:
         return replace(self, vertices=self.vertices + np.asarray(offset, float))
 
     def placed(self, R: Array, t: Array) -> Part:
         """Turned by R (3, 3) and then moved by t (3,)."""
-        return replace(self, vertices=self.vertices @ R.T + t)
+        normals = None if self.normals is None else self.normals @ R.T
+        return replace(self, vertices=self.vertices @ R.T + t, normals=normals)
 
     def mirrored_y(self) -> Part:
         """Mirror image in y = 0, faces turned so that they still look outward."""
-        return replace(
-            self, vertices=self.vertices * [1, -1, 1], faces=self.faces[:, ::-1].copy(), uv=self.uv[:, ::-1].copy()
-        )
+        normals = None if self.normals is None else self.normals[:, ::-1] * [1, -1, 1]
+        faces, uv = self.faces[:, ::-1].copy(), self.uv[:, ::-1].copy()
+        return replace(self, vertices=self.vertices * [1, -1, 1], faces=faces, uv=uv, normals=normals)
 
 
 def plain(
-    vertices: Array, faces: Array, color: Sequence[float] = (1, 1, 1), gloss: float = 0.0, uv: Sequence[float] = (0, 0)
+    vertices: Array, faces: Array, color: ArrayLike = (1, 1, 1), gloss: float = 0.0, uv: ArrayLike = (0, 0)
 ) -> Part:
     """A part of one colour, all its corners on one texel ``uv``."""
     n = len(faces)
@@ -62,7 +69,7 @@ def face_normals(corners: Float[Array, "f 3 3"]) -> tuple[Float[Array, "f 3"], F
 
 
 def tube(rings: Float[Array, "n m 3"]) -> tuple[Array, Array]:
-    """Vertices and faces of a tube through closed rings, open at both ends; rings run counter-clockwise seen from the end."""
+    """Vertices and faces of an open tube through closed rings; rings run counter-clockwise seen from its end."""
     n, m, _ = rings.shape
     i, j = np.meshgrid(np.arange(n - 1), np.arange(m), indexing="ij")
     a, b = i * m + j, i * m + (j + 1) % m
@@ -108,12 +115,12 @@ _BOX_FACES = np.array(
 
 def box(low: Sequence[float], high: Sequence[float]) -> tuple[Array, Array]:
     """Vertices and faces of a closed axis-parallel box."""
-    low = np.asarray(low, float)
-    return low + _BOX * (np.asarray(high, float) - low), _BOX_FACES
+    a, b = np.asarray(low, float), np.asarray(high, float)
+    return a + _BOX * (b - a), _BOX_FACES
 
 
 def crease_normals(vertices: Array, faces: Array, crease_rad: float) -> Float[Array, "f 3 3"]:
-    """Unit normal per corner: area-weighted mean of the faces at its vertex that turn less than ``crease_rad`` from its own."""
+    """Unit normal per corner: area-weighted mean of its vertex's faces within ``crease_rad`` of its own."""
     normals, areas = face_normals(vertices[faces])
     corner_vertex = faces.ravel()
     corner_face = np.repeat(np.arange(len(faces)), 3)
@@ -141,6 +148,7 @@ def merged(parts: Sequence[Part]) -> Part:
         np.concatenate([p.uv for p in parts]),
         np.concatenate([p.color for p in parts]),
         np.concatenate([p.gloss for p in parts]),
+        np.concatenate([np.full((len(p.faces), 3, 3), np.nan) if p.normals is None else p.normals for p in parts]),
     )
 
 
@@ -149,13 +157,11 @@ def surface(
     texture: Array | None = None,
     crease_rad: float = np.deg2rad(38),
     repeat: bool = True,
-    normal: Callable[[Array], Array] | None = None,
 ) -> Surface:
-    """The renderer's primitive: vertices are split only where normal, colour or texture coordinates differ.
-
-    ``normal`` replaces the crease normals by unit normals computed from the corners (f, 3, 3).
-    """
-    normals = normal(part.corners()) if normal else crease_normals(part.vertices, part.faces, crease_rad)
+    """The renderer's primitive: vertices are split only where normal, colour or texture coordinates differ."""
+    normals = crease_normals(part.vertices, part.faces, crease_rad)
+    if part.normals is not None:
+        normals = np.where(np.isnan(part.normals), normals, part.normals)
     n = len(part.faces)
     columns = np.concatenate(
         [

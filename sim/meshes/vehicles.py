@@ -11,7 +11,7 @@ from sim.meshes.atlas import Atlas
 from sim.meshes.body import DETAILS, Chassis, Detail, half_width, loft
 from sim.meshes.paint import PAINTS, paint_vehicle
 from sim.meshes.shapes import SHAPES, Hull, Shape
-from sim.meshes.solid import Part, box, face_normals, merged, plain, surface
+from sim.meshes.solid import Part, box, face_normals, merged, surface
 from sim.meshes.wheels import wheel
 from sim.model import VehicleModel
 from sim.textures import Color
@@ -81,7 +81,7 @@ def _paint(color: str | Color | None, rng: np.random.Generator) -> Color:
 
 
 def _scaled(shape: Shape, size: tuple[float, float, float]) -> Shape:
-    """The shape's geometry at another size; wheels keep round, limited by the smaller of the length and height ratios."""
+    """The shape's geometry at another size; round things follow the smaller of the length and height ratios."""
     kx, _, kz = (a / b for a, b in zip(size, shape.size_m, strict=True))
     k = min(kx, kz)
 

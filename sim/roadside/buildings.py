@@ -53,7 +53,9 @@ def facade_atlas(rng: np.random.Generator) -> tuple[UInt8[Array, "h w 3"], tuple
     facades = []
     for k, wall in enumerate(_WALLS):
         place = (k % 2, k // 2)
-        f = Facade(int(rng.integers(4, 7)), rng.uniform(2.3, 3.0), int(rng.integers(2, 4)), rng.uniform(2.7, 3.2), place)
+        f = Facade(
+            int(rng.integers(4, 7)), rng.uniform(2.3, 3.0), int(rng.integers(2, 4)), rng.uniform(2.7, 3.2), place
+        )
         x0, y0 = place[0] * _SIZE // 2, place[1] * _FACADE_PX
         part = image[y0 : y0 + _FACADE_PX, x0 : x0 + _SIZE // 2]
         w, h = f.size_m
@@ -95,7 +97,9 @@ def _paint_facade(b: Board, f: Facade, wall: Color, brick: bool, rng: np.random.
         b.rect(x, z - rng.uniform(0.3, 1.2), rng.uniform(0.03, 0.12), rng.uniform(0.3, 1.2), dark, 0.10)
 
 
-def _paint_window(b: Board, x: float, z: float, w: float, h: float, frame: Color, shutters: bool, rng: np.random.Generator) -> None:
+def _paint_window(
+    b: Board, x: float, z: float, w: float, h: float, frame: Color, shutters: bool, rng: np.random.Generator
+) -> None:
     b.rect(x - 0.10, z - 0.12, w + 0.20, 0.10, (0.70, 0.68, 0.64))
     b.rect(x - 0.07, z - 0.03, w + 0.14, h + 0.12, (0.22, 0.20, 0.18))
     b.rect(x - 0.05, z, w + 0.10, h + 0.05, frame)
@@ -110,16 +114,15 @@ def _paint_window(b: Board, x: float, z: float, w: float, h: float, frame: Color
         if rng.random() < 0.5:
             b.rect(x0, z + 0.05, pane * rng.uniform(0.2, 0.45), h - 0.08, (0.72, 0.70, 0.66), 0.6)
     if rng.random() < 0.25:
-        b.rect(x + 0.04, z + h * rng.uniform(0.3, 0.8), w - 0.08, h, (0.66, 0.66, 0.62), 0.0)
-        drop = h * rng.uniform(0.2, 0.7)
+        drop = float(h * rng.uniform(0.2, 0.7))
         b.rect(x + 0.02, z + h - drop, w - 0.04, drop, (0.68, 0.67, 0.62))
-        for k in np.arange(0, drop, 0.07):
-            b.rect(x + 0.02, z + h - drop + k, w - 0.04, 0.015, (0.45, 0.44, 0.42))
+        for slat in np.arange(0, drop, 0.07):
+            b.rect(x + 0.02, z + h - drop + slat, w - 0.04, 0.015, (0.45, 0.44, 0.42))
     if shutters:
         for side in (x - 0.46, x + w + 0.08):
             b.rect(side, z - 0.02, 0.38, h + 0.06, (0.20, 0.30, 0.24))
-            for k in np.arange(0.05, h, 0.09):
-                b.rect(side + 0.04, z + k, 0.30, 0.03, (0.13, 0.20, 0.16))
+            for slat in np.arange(0.05, h, 0.09):
+                b.rect(side + 0.04, z + slat, 0.30, 0.03, (0.13, 0.20, 0.16))
 
 
 def _paint_door(b: Board, x: float, rng: np.random.Generator) -> None:
@@ -143,7 +146,8 @@ def _paint_roof(part: Array, color: Color, rng: np.random.Generator) -> None:
     rows, columns = np.arange(h)[:, None], np.arange(w)[None, :]
     row = rows // course
     column = (columns + (row % 2) * (tile // 2)) // tile
-    light = shade[row, column] * (1 - 0.45 * (rows % course > course - 4)) * (1 - 0.18 * ((columns + (row % 2) * (tile // 2)) % tile < 2))
+    groove = (columns + (row % 2) * (tile // 2)) % tile < 2
+    light = shade[row, column] * (1 - 0.45 * (rows % course > course - 4)) * (1 - 0.18 * groove)
     part[:] = light[..., None] * np.asarray(color, np.float32)
 
 
@@ -159,7 +163,9 @@ def house(facade: Facade, roof: int, depth_bays: int, rng: np.random.Generator) 
     gables = []
     for x, order in ((0.0, [0, 2, 1]), (w, [0, 1, 2])):
         vertices = np.array([[x, 0, h], [x, d, h], [x, d / 2, h + rise]])
-        gables.append(plain(vertices, np.array([order]), uv=facade.uv(np.array(0.5 * facade.bay_m - 0.9), np.array(h - 0.45))))
+        gables.append(
+            plain(vertices, np.array([order]), uv=facade.uv(np.array(0.5 * facade.bay_m - 0.9), np.array(h - 0.45)))
+        )
     parts = [*walls, *gables, _roof(w, d, h, rise, roof)]
     chimney = plain(*box((0.3 * w, 0.55 * d, h + 0.5 * rise), (0.3 * w + 0.7, 0.55 * d + 0.6, h + rise + 0.8)),
                     color=(0.55, 0.45, 0.4), uv=facade.uv(np.array(0.3), np.array(0.8)))  # fmt: skip

@@ -45,25 +45,25 @@ def _limit(b: Board, rng: np.random.Generator) -> None:
     b.text(-0.5, 0.36, 0.72, 1.0, str(rng.choice(["30", "50", "70"])), _INK)
 
 
-def _warning(b: Board, rng: np.random.Generator) -> None:
+def _warning(b: Board, _: np.random.Generator) -> None:
     b.image[:] = _RED
     b.poly(_ngon(3, 0.62, np.pi / 2), _PALE)
     b.poly([(-0.06, 0.25), (0.06, 0.25), (0.03, -0.1), (-0.03, -0.1)], _INK)
     b.disc((0, -0.2), 0.055, _INK)
 
 
-def _yield_sign(b: Board, rng: np.random.Generator) -> None:
+def _yield_sign(b: Board, _: np.random.Generator) -> None:
     b.image[:] = _RED
     b.poly(_ngon(3, 0.60, -np.pi / 2), _PALE)
 
 
-def _stop(b: Board, rng: np.random.Generator) -> None:
+def _stop(b: Board, _: np.random.Generator) -> None:
     b.image[:] = _PALE
     b.poly(_ngon(8, 0.95, np.pi / 8), _RED)
     b.text(-0.7, 0.27, 0.54, 1.4, "STOP", _PALE)
 
 
-def _priority(b: Board, rng: np.random.Generator) -> None:
+def _priority(b: Board, _: np.random.Generator) -> None:
     b.image[:] = _PALE
     b.poly(_ngon(4, 0.62, 0), (0.90, 0.66, 0.05))
 
@@ -95,18 +95,22 @@ def _shaped(vertices: Array, faces: Array, color: tuple[float, float, float], gl
     return plain(vertices, faces, color, gloss, _WHITE_UV)
 
 
-def _post(x: float, y: float, z0: float, z1: float, radius: float, color: tuple[float, float, float], sides: int = 7) -> Part:
+def _post(
+    x: float, y: float, z0: float, z1: float, radius: float, color: tuple[float, float, float], sides: int = 7
+) -> Part:
     a = np.arange(sides) * 2 * np.pi / sides
     ring = np.stack([x + radius * np.cos(a), y + radius * np.sin(a), 0 * a], axis=-1)
-    return _shaped(*closed_tube(np.stack([ring + [0, 0, z0], ring + [0, 0, z1]])), color, 0.03)
+    return _shaped(*closed_tube(np.stack([ring + np.array([0, 0, z]) for z in (z0, z1)])), color, 0.03)
 
 
-def _plate(outline: Float[Array, "n 2"], cell: int, width: float, height: float, at: tuple[float, float, float]) -> Part:
+def _plate(
+    outline: Float[Array, "n 2"], cell: int, width: float, height: float, at: tuple[float, float, float]
+) -> Part:
     """A sign's plate of 1.5 cm that looks toward -y, outline in -1..1."""
     n = len(outline)
     xz = outline * [width / 2, height / 2]
     front = np.stack([xz[:, 0], np.full(n, -0.06), xz[:, 1]], axis=-1) + at
-    vertices, faces = closed_tube(np.stack([front + [0, 0.015, 0], front]))
+    vertices, faces = closed_tube(np.stack([front + np.array([0, 0.015, 0]), front]))
     uv = np.broadcast_to(np.asarray(_WHITE_UV), (len(faces), 3, 2)).copy()
     painted = np.append(np.tile(outline, (2, 1)), [[0, 0], [0, 0]], axis=0)
     is_front = np.all((faces >= n) & (faces != 2 * n), axis=1)
@@ -166,7 +170,7 @@ def guard_rail(x: float, y0: float, y1: float, z: float, toward: float) -> Part:
     if toward < 0:
         ring = ring[::-1]
     ys = np.arange(y0, y1 + 4.0, 8.0)
-    beam = closed_tube(np.stack([ring + [0, y, 0] for y in ys])[:, ::-1])
+    beam = closed_tube(np.stack([ring + np.array([0, y, 0]) for y in ys])[:, ::-1])
     posts = [_shaped(*box((x - toward * 0.08 - 0.05, y - 0.03, z - 0.1), (x - toward * 0.08 + 0.05, y + 0.03, z + 0.72)),
                      (0.30, 0.30, 0.31)) for y in np.arange(y0, ys[-1] + 0.1, 4.0)]  # fmt: skip
     return merged([_shaped(*beam, (0.45, 0.46, 0.47), 0.04), *posts])

@@ -95,7 +95,9 @@ def _cells(xs: Array, ys: Array, along_x: bool) -> tuple[Array, Array, Array]:
 
 def _painted(layout: Layout, s: Array, t: Array, right: float, left: float, stop: Array) -> Array:
     """Which cells at (across s, along t) carry white paint: edge lines, dashed lane lines, stop lines."""
-    edge = (np.abs(s - right + _SHOULDER_M - 0.05) < _LINE_M / 2) | (np.abs(s - left - _SHOULDER_M + 0.05) < _LINE_M / 2)
+    edge = (np.abs(s - right + _SHOULDER_M - 0.05) < _LINE_M / 2) | (
+        np.abs(s - left - _SHOULDER_M + 0.05) < _LINE_M / 2
+    )
     dash = np.mod(t + 2.0, _CYCLE_M) < _DASH_M
     lanes = round((right - left - 2 * _SHOULDER_M) / layout.lane_m)
     dividers = right - _SHOULDER_M - layout.lane_m * np.arange(1, lanes)
@@ -106,7 +108,9 @@ def _painted(layout: Layout, s: Array, t: Array, right: float, left: float, stop
     return np.asarray(edge | divider | stops)
 
 
-def _road_axis(layout: Layout, right: float, left: float, begin: float, end: float, stop: Array, along_x: bool) -> tuple[_Mesh, _Mesh]:
+def _road_axis(
+    layout: Layout, right: float, left: float, begin: float, end: float, stop: Array, along_x: bool
+) -> tuple[_Mesh, _Mesh]:
     """Asphalt and painted cells of one straight piece of road."""
     lanes = round((right - left - 2 * _SHOULDER_M) / layout.lane_m)
     centers = right - _SHOULDER_M - layout.lane_m * (np.arange(lanes) + 0.5)
@@ -143,7 +147,9 @@ def _road_cells(layout: Layout) -> tuple[_Mesh, _Mesh]:
     vertices, faces, at = _cells(xs, ys, False)
     cross = ((at[:, 0] > left) & (at[:, 0] < right)) | (np.abs(at[:, 1] - c) < half)
     asphalt = [p[0] for p in pieces] + [(vertices, faces[np.repeat(cross, 2)])]
-    asphalt += [_corner(x, y, sx, sy) for x, sx in ((left, -1), (right, 1)) for y, sy in ((c - half, -1), (c + half, 1))]
+    asphalt += [
+        _corner(x, y, sx, sy) for x, sx in ((left, -1), (right, 1)) for y, sy in ((c - half, -1), (c + half, 1))
+    ]
     return _joined(asphalt), _joined([p[1] for p in pieces])
 
 
@@ -154,7 +160,7 @@ def _corner(x: float, y: float, sx: int, sy: int) -> _Mesh:
     vertices = np.concatenate([[[x, y, 0.0]], arc])
     j = np.arange(1, 9)
     faces = np.stack([np.zeros(8, int), j, j + 1], axis=-1)
-    return vertices, faces if sx * sy < 0 else faces[:, ::-1]
+    return vertices, faces if sx * sy > 0 else faces[:, ::-1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +226,12 @@ def _land(block: _Block) -> _Mesh:
 
 
 def _textured(
-    mesh: _Mesh, tile_m: float, texture: Array, rng: np.random.Generator, variation: float, wheel_paths: Layout | None = None
+    mesh: _Mesh,
+    tile_m: float,
+    texture: Array,
+    rng: np.random.Generator,
+    variation: float,
+    wheel_paths: Layout | None = None,
 ) -> Surface:
     """A surface textured from above (steep faces from the side), its brightness varied over tens of metres."""
     vertices, faces = mesh
@@ -234,8 +245,8 @@ def _textured(
     uv = np.stack([vertices[:, 0] + vertices[:, 2], vertices[:, 1]], axis=-1) / tile_m
     tone = np.ones(len(vertices))
     for wavelength in (60.0, 23.0, 9.0):
-        k = rng.normal(0, 2 * np.pi / wavelength, 2)
-        tone += variation / 3 * np.sin(vertices[:, :2] @ k + rng.uniform(0, 6.3))
+        wave = rng.normal(0, 2 * np.pi / wavelength, 2)
+        tone += variation / 3 * np.sin(vertices[:, :2] @ wave + rng.uniform(0, 6.3))
     if wheel_paths is not None:
         lane = np.mod(vertices[:, 0] + wheel_paths.lane_m / 2, wheel_paths.lane_m) - wheel_paths.lane_m / 2
         tone *= np.where(np.abs(np.abs(lane) - 0.8) < 0.05, 0.90, 1.0)

@@ -145,7 +145,7 @@ def _furniture(layout: Layout, length_m: float, plots: list[_Plot], rng: np.rand
     right, left = layout.right_m, layout.left_m
     kinds = ["limit", "priority", "town", "warning", "arrow", "limit"]
     for k, y in enumerate(np.arange(16.0, length_m, 24.0)):
-        if not layout.near_crossing(y, 7.0):
+        if not layout.near_crossing(y, 16.0):
             parts.append(sign(kinds[k % len(kinds)], (right + 1.5 + 0.3 * rng.random(), y, KERB_M)))
         back = sign("limit" if k % 2 else "warning", (0.0, 0.0, KERB_M))
         if k % 2 and not layout.near_crossing(y + 6, 7.0):
@@ -153,8 +153,12 @@ def _furniture(layout: Layout, length_m: float, plots: list[_Plot], rng: np.rand
     if layout.crossing_m is not None:
         c, reach = layout.crossing_m, layout.crossing_half_m + 7.5
         parts.append(sign("priority", (right + 1.2, c - reach, KERB_M)))
-        parts.append(sign("yield", (0.0, 0.0, KERB_M)).placed(rot_z(np.pi / 2), np.array([right + 8.0, c + reach - 5, 0])))
-        parts.append(sign("yield", (0.0, 0.0, KERB_M)).placed(rot_z(-np.pi / 2), np.array([left - 8.0, c - reach + 5, 0])))
+        parts.append(
+            sign("yield", (0.0, 0.0, KERB_M)).placed(rot_z(np.pi / 2), np.array([right + 8.0, c + reach - 5, 0]))
+        )
+        parts.append(
+            sign("yield", (0.0, 0.0, KERB_M)).placed(rot_z(-np.pi / 2), np.array([left - 8.0, c - reach + 5, 0]))
+        )
     for k, y in enumerate(np.arange(10.0, length_m, 28.0)):
         if not layout.near_crossing(y, 6.0):
             side = 1 if k % 2 else -1

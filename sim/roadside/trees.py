@@ -1,4 +1,4 @@
-"""Trees, bushes and the wooded horizon: trunks with branches and crowns of small leaf clusters that all look outward."""
+"""Trees, bushes and the wooded horizon: trunks with branches, crowns of small leaf clusters that look outward."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from sim.meshes.solid import Part, closed_tube, merged
 
 Array = np.ndarray
+_UP = np.array([0.0, 0.0, 1.0])
 _BARK = np.array([0.16, 0.12, 0.09])
 
 
@@ -24,30 +25,29 @@ def _limb(start: Array, end: Array, r0: float, r1: float, sides: int = 6) -> Par
 
 
 def _clusters(center: Array, radius: Array, count: int, size: float, tint: Array, rng: np.random.Generator) -> Part:
-    """Leaf clusters: bent four-cornered patches scattered over the shell of an ellipsoid, facing outward."""
+    """Leaf clusters: triangles scattered over the shell of an ellipsoid, facing outward, shaded like the round crown."""
     d = rng.standard_normal((count, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    depth = rng.uniform(0.72, 1.06, (count, 1))
+    depth = rng.uniform(0.70, 1.08, (count, 1))
     at = center + d * radius * depth
-    n = d + 0.55 * rng.standard_normal((count, 3))
-    n -= np.minimum(np.sum(n * d, axis=1, keepdims=True) - 0.35, 0) * d
+    n = d + 0.5 * rng.standard_normal((count, 3))
+    n -= np.minimum(np.sum(n * d, axis=1, keepdims=True) - 0.3, 0) * d
     n /= np.linalg.norm(n, axis=1, keepdims=True)
     a = np.cross(n, rng.standard_normal((count, 3)))
     a /= np.linalg.norm(a, axis=1, keepdims=True)
     b = np.cross(n, a)
-    s = size * rng.uniform(0.6, 1.3, (count, 1))
-    corners = np.stack([at - a * s, at - b * s * rng.uniform(0.5, 1.0, (count, 1)), at + a * s + 0.15 * n,
-                        at + b * s * rng.uniform(0.5, 1.0, (count, 1))], axis=1)  # fmt: skip
-    corners[:, 1::2] -= 0.25 * s[:, None] * n[:, None]
-    base = 4 * np.arange(count)[:, None]
-    faces = np.concatenate([base + [0, 1, 2], base + [0, 2, 3]], axis=1).reshape(-1, 3)
-    vertices = corners.reshape(-1, 3)
-    origin = rng.uniform(0, 1, (count, 2))
-    square = np.array([[-1, 0], [0, -1], [1, 0], [0, 1]]) * 0.5
-    uv = (origin[:, None] + square * (s[:, None] / 0.9)).reshape(-1, 2)
-    light = (0.55 + 0.45 * (depth[:, 0] - 0.72) / 0.34) * rng.uniform(0.75, 1.2, count) * (0.85 + 0.25 * d[:, 2])
-    color = np.repeat(np.clip(light[:, None] * tint, 0, 1), 2, axis=0)
-    return Part(vertices, faces, uv[faces], color, np.zeros(len(faces)))
+    angle = np.array([0.0, 2.1, 4.2]) + rng.uniform(-0.5, 0.5, (count, 3))
+    s = size * rng.uniform(0.55, 1.25, (count, 3))
+    plane = np.stack([s * np.cos(angle), s * np.sin(angle)], axis=-1)
+    vertices = at[:, None] + plane[..., :1] * a[:, None] + plane[..., 1:] * b[:, None]
+    uv = rng.uniform(0, 1, (count, 1, 2)) + 0.5 * plane / 0.9
+    light = (0.6 + 0.4 * (depth[:, 0] - 0.7) / 0.38) * rng.uniform(0.7, 1.2, count) * (0.85 + 0.25 * d[:, 2])
+    color = np.clip(light[:, None] * tint, 0, 1)
+    round_ = d + 0.45 * n
+    round_ /= np.linalg.norm(round_, axis=1, keepdims=True)
+    normals = np.repeat(round_[:, None], 3, axis=1)
+    faces = np.arange(3 * count).reshape(-1, 3)
+    return Part(vertices.reshape(-1, 3), faces, uv, color, np.zeros(count), normals)
 
 
 def _core(center: Array, radius: Array, rng: np.random.Generator) -> Part:
@@ -55,7 +55,7 @@ def _core(center: Array, radius: Array, rng: np.random.Generator) -> Part:
     rows, columns = 5, 8
     theta = np.linspace(0, np.pi, rows + 2)[1:-1]
     phi = np.arange(columns) * 2 * np.pi / columns
-    lump = rng.uniform(0.62, 0.82, (rows, columns, 1))
+    lump = rng.uniform(0.70, 0.90, (rows, columns, 1))
     ring = np.stack([np.sin(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None] * np.sin(phi),
                      np.broadcast_to(-np.cos(theta)[:, None], (rows, columns))], axis=-1)  # fmt: skip
     vertices, faces = closed_tube(center + ring * lump * radius)
@@ -68,21 +68,21 @@ def tree(position: tuple[float, float, float], height: float, detail: float, rng
     p = np.asarray(position, float)
     lean = np.array([*rng.normal(0, 0.03, 2), 1.0])
     stem = rng.uniform(0.26, 0.36) * height
-    crown_at, crown = p + lean * (stem + 0.33 * height), np.array([0.27, 0.27, 0.34]) * height
-    crown *= rng.uniform(0.9, 1.15, 3)
-    tint = np.array([1.0, 1.0, 0.9]) * rng.uniform(0.65, 1.0) * np.array([rng.uniform(0.85, 1.15), 1, 1])
-    radius = 0.022 * height
-    parts = [_limb(p - [0, 0, 0.1], p + lean * (stem + 0.2 * height), radius, 0.5 * radius)]
-    blobs = 5 if detail > 0.4 else 3
-    parts.append(_core(crown_at, crown, rng))
+    middle = p + lean * (stem + 0.33 * height)
+    crown = np.array([0.27, 0.27, 0.34]) * height * rng.uniform(0.9, 1.15, 3)
+    tint = np.array([rng.uniform(0.85, 1.15), 1.0, 0.9]) * rng.uniform(0.65, 1.0)
+    radius, leaf = 0.022 * height, 0.048 * height / detail**0.45
+    parts = [_limb(p - _UP * 0.1, p + lean * (stem + 0.2 * height), radius, 0.5 * radius), _core(middle, crown, rng)]
+    blobs = 6 if detail > 0.4 else 4
     for k in range(blobs):
         a = 2 * np.pi * k / blobs + rng.uniform(0, 0.6)
-        out = np.array([np.cos(a), np.sin(a), rng.uniform(-0.5, 0.7)]) * crown * 0.55
+        out = np.array([np.cos(a), np.sin(a), rng.uniform(-0.6, 0.8)]) * crown * 0.55
         if detail > 0.4:
-            parts.append(_limb(p + lean * stem * rng.uniform(0.85, 1.1), crown_at + out * 0.8, 0.4 * radius, 0.1 * radius, 4))
-        count = int(320 * detail / blobs)
-        parts.append(_clusters(crown_at + out, crown * rng.uniform(0.5, 0.65), count, 0.062 * height / detail**0.4, tint, rng))
-    parts.append(_clusters(crown_at + [0, 0, 0.3 * crown[2]], crown * 0.8, int(100 * detail), 0.062 * height / detail**0.4, tint, rng))
+            fork = p + lean * stem * rng.uniform(0.85, 1.1)
+            parts.append(_limb(fork, middle + out * 0.8, 0.4 * radius, 0.1 * radius, 4))
+        blob = crown * rng.uniform(0.46, 0.62)
+        parts.append(_clusters(middle + out, blob, int(600 * detail / blobs), leaf, tint, rng))
+    parts.append(_clusters(middle + _UP * 0.3 * crown[2], crown * 0.8, int(170 * detail), leaf, tint, rng))
     return merged(parts)
 
 
@@ -90,23 +90,26 @@ def conifer(position: tuple[float, float, float], height: float, detail: float, 
     """A spruce: whorls of clusters that narrow toward the top."""
     p = np.asarray(position, float)
     tint = np.array([0.55, 0.72, 0.62]) * rng.uniform(0.7, 1.0)
-    parts = [_limb(p - [0, 0, 0.1], p + [0, 0, 0.97 * height], 0.018 * height, 0.003 * height, 5)]
-    whorls = 9
+    parts = [_limb(p - _UP * 0.1, p + _UP * 0.97 * height, 0.018 * height, 0.003 * height, 5)]
+    whorls = 11
     for k in range(whorls):
         share = (k + 0.5) / whorls
         wide = 0.19 * height * (1 - share) * rng.uniform(0.8, 1.2) + 0.02 * height
-        at = p + [0, 0, height * (0.12 + 0.84 * share)]
-        parts.append(_clusters(at, np.array([wide, wide, 0.05 * height]), max(int(34 * detail * (1.2 - share)), 6),
-                               0.05 * height / detail**0.4 * (1.15 - 0.6 * share), tint, rng))  # fmt: skip
+        count = max(int(60 * detail * (1.2 - share)), 8)
+        leaf = 0.045 * height / detail**0.4 * (1.15 - 0.6 * share)
+        at = p + _UP * height * (0.12 + 0.84 * share)
+        parts.append(_clusters(at, np.array([wide, wide, 0.05 * height]), count, leaf, tint, rng))
     return merged(parts)
 
 
 def bush(position: tuple[float, float, float], size: float, detail: float, rng: np.random.Generator) -> Part:
     """A bush or a piece of hedge."""
-    p = np.asarray(position, float) + [0, 0, 0.45 * size]
+    p = np.asarray(position, float) + _UP * 0.45 * size
     radius = np.array([0.6, 0.6, 0.5]) * size * rng.uniform(0.85, 1.2, 3)
     tint = np.array([0.9, 0.95, 0.8]) * rng.uniform(0.6, 1.0)
-    return merged([_core(p, radius, rng), _clusters(p, radius, int(90 * detail), 0.16 * size / detail**0.4, tint, rng)])
+    return merged(
+        [_core(p, radius, rng), _clusters(p, radius, int(170 * detail), 0.12 * size / detail**0.4, tint, rng)]
+    )
 
 
 def wooded_hills(center: tuple[float, float], radius: float, rng: np.random.Generator) -> Part:
