@@ -113,7 +113,7 @@ def grass(rng: np.random.Generator, size: int = 1024) -> UInt8[Array, "h w 3"]:
     blades, tufts, dry = (noise((size, size), b, rng) for b in (0.8, 2.4, 2.0))
     light = np.clip(0.36 + 0.075 * blades + 0.05 * tufts, 0.04, 0.9)
     mix = np.clip(0.35 + 0.25 * dry, 0, 1)[..., None]
-    tint = np.array([0.78, 1.0, 0.42]) * (1 - mix) + np.array([1.05, 0.98, 0.58]) * mix
+    tint = np.array([0.82, 1.0, 0.55]) * (1 - mix) + np.array([1.08, 1.0, 0.70]) * mix
     return to_texture(light[..., None] * tint)
 
 

@@ -169,8 +169,8 @@ def house(facade: Facade, roof: int, depth_bays: int, rng: np.random.Generator) 
     parts = [*walls, *gables, _roof(w, d, h, rise, roof)]
     chimney = plain(*box((0.3 * w, 0.55 * d, h + 0.5 * rise), (0.3 * w + 0.7, 0.55 * d + 0.6, h + rise + 0.8)),
                     color=(0.55, 0.45, 0.4), uv=facade.uv(np.array(0.3), np.array(0.8)))  # fmt: skip
-    gutter = [plain(*box((-0.2, y, h - 0.06), (w + 0.2, y + 0.14, h + 0.05)), color=(0.4, 0.4, 0.42), uv=_roof_uv(1, 0.5, 0.5))
-              for y in (-0.40, d + 0.26)]  # fmt: skip
+    boxes = [box((-0.2, y, h - 0.06), (w + 0.2, y + 0.14, h + 0.05)) for y in (-0.40, d + 0.26)]
+    gutter = [plain(*b, color=(0.4, 0.4, 0.42), uv=_roof_uv(1, 0.5, 0.5)) for b in boxes]
     return merged([*parts, chimney, *gutter])
 
 

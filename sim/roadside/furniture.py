@@ -164,15 +164,19 @@ def delineator(position: tuple[float, float, float]) -> Part:
 
 def guard_rail(x: float, y0: float, y1: float, z: float, toward: float) -> Part:
     """A W-beam on posts along y; its face looks toward +x or -x."""
-    profile = np.array([[0.00, 0.44], [0.06, 0.50], [0.06, 0.56], [0.01, 0.60], [0.06, 0.64], [0.06, 0.70], [0.00, 0.76],
-                        [-0.015, 0.76], [-0.015, 0.44]])  # fmt: skip
+    depth = [0.00, 0.06, 0.06, 0.01, 0.06, 0.06, 0.00, -0.015, -0.015]
+    profile = np.stack([depth, [0.44, 0.50, 0.56, 0.60, 0.64, 0.70, 0.76, 0.76, 0.44]], axis=-1)
     ring = np.stack([x + toward * profile[:, 0], np.zeros(len(profile)), z + profile[:, 1]], axis=-1)
     if toward < 0:
         ring = ring[::-1]
     ys = np.arange(y0, y1 + 4.0, 8.0)
     beam = closed_tube(np.stack([ring + np.array([0, y, 0]) for y in ys])[:, ::-1])
-    posts = [_shaped(*box((x - toward * 0.08 - 0.05, y - 0.03, z - 0.1), (x - toward * 0.08 + 0.05, y + 0.03, z + 0.72)),
-                     (0.30, 0.30, 0.31)) for y in np.arange(y0, ys[-1] + 0.1, 4.0)]  # fmt: skip
+    behind = x - toward * 0.08
+    boxes = [
+        box((behind - 0.05, y - 0.03, z - 0.1), (behind + 0.05, y + 0.03, z + 0.72))
+        for y in np.arange(y0, ys[-1] + 0.1, 4.0)
+    ]
+    posts = [_shaped(*b, (0.30, 0.30, 0.31)) for b in boxes]
     return merged([_shaped(*beam, (0.45, 0.46, 0.47), 0.04), *posts])
 
 

@@ -25,10 +25,10 @@ def _limb(start: Array, end: Array, r0: float, r1: float, sides: int = 6) -> Par
 
 
 def _clusters(center: Array, radius: Array, count: int, size: float, tint: Array, rng: np.random.Generator) -> Part:
-    """Leaf clusters: triangles scattered over the shell of an ellipsoid, facing outward, shaded like the round crown."""
+    """Leaf clusters: triangles scattered over the shell of an ellipsoid, facing outward, shaded like it."""
     d = rng.standard_normal((count, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    depth = rng.uniform(0.70, 1.08, (count, 1))
+    depth = rng.uniform(0.84, 1.08, (count, 1))
     at = center + d * radius * depth
     n = d + 0.5 * rng.standard_normal((count, 3))
     n -= np.minimum(np.sum(n * d, axis=1, keepdims=True) - 0.3, 0) * d
@@ -41,7 +41,7 @@ def _clusters(center: Array, radius: Array, count: int, size: float, tint: Array
     plane = np.stack([s * np.cos(angle), s * np.sin(angle)], axis=-1)
     vertices = at[:, None] + plane[..., :1] * a[:, None] + plane[..., 1:] * b[:, None]
     uv = rng.uniform(0, 1, (count, 1, 2)) + 0.5 * plane / 0.9
-    light = (0.6 + 0.4 * (depth[:, 0] - 0.7) / 0.38) * rng.uniform(0.7, 1.2, count) * (0.85 + 0.25 * d[:, 2])
+    light = rng.uniform(0.65, 1.2, count) * (0.85 + 0.25 * d[:, 2])
     color = np.clip(light[:, None] * tint, 0, 1)
     round_ = d + 0.45 * n
     round_ /= np.linalg.norm(round_, axis=1, keepdims=True)
@@ -50,39 +50,50 @@ def _clusters(center: Array, radius: Array, count: int, size: float, tint: Array
     return Part(vertices.reshape(-1, 3), faces, uv, color, np.zeros(count), normals)
 
 
-def _core(center: Array, radius: Array, rng: np.random.Generator) -> Part:
-    """The dark inside of a crown: a closed lumpy ball."""
-    rows, columns = 5, 8
-    theta = np.linspace(0, np.pi, rows + 2)[1:-1]
-    phi = np.arange(columns) * 2 * np.pi / columns
-    lump = rng.uniform(0.70, 0.90, (rows, columns, 1))
-    ring = np.stack([np.sin(theta)[:, None] * np.cos(phi), np.sin(theta)[:, None] * np.sin(phi),
-                     np.broadcast_to(-np.cos(theta)[:, None], (rows, columns))], axis=-1)  # fmt: skip
-    vertices, faces = closed_tube(center + ring * lump * radius)
-    uv = vertices[faces][..., [0, 2]] / 1.8
-    return Part(vertices, faces, uv, np.full((len(faces), 3), 0.30), np.zeros(len(faces)))
+def _lump(center: Array, radius: Array, rows: int, columns: int, tint: Array, rng: np.random.Generator) -> Part:
+    """A closed, uneven ball of foliage, darker below."""
+    theta = np.linspace(0, np.pi, rows + 2)[1:-1, None]
+    phi = (np.arange(columns) + 0.5 * rng.random()) * 2 * np.pi / columns
+    d = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), -np.cos(theta) + 0 * phi], axis=-1)
+    vertices, faces = closed_tube(center + d * rng.uniform(0.80, 1.05, (rows, columns, 1)) * radius)
+    corners = vertices[faces]
+    out = corners - center
+    normals = out / np.linalg.norm(out, axis=-1, keepdims=True)
+    across = np.where(np.abs(normals[..., 2:]).mean(axis=1, keepdims=True) > 0.75, out[..., :2], out[..., [0, 2]])
+    side = np.abs(normals[..., 0]).mean(axis=1) > 0.65
+    across[side] = out[side][..., 1:]
+    light = rng.uniform(0.75, 1.1, len(faces)) * (0.72 + 0.25 * normals[..., 2].mean(axis=1))
+    color = np.clip(light[:, None] * tint, 0, 1)
+    return Part(vertices, faces, across / 1.5 + rng.random(2), color, np.zeros(len(faces)), normals)
+
+
+def _foliage(center: Array, radius: Array, detail: float, leaf: float, tint: Array, rng: np.random.Generator) -> Part:
+    """A lump with leaf clusters standing off it, so that its outline is ragged."""
+    rows, columns = (5, 9) if detail > 0.6 else (4, 7) if detail > 0.3 else (3, 5)
+    lump = _lump(center, 0.9 * radius, rows, columns, tint, rng)
+    return merged([lump, _clusters(center, radius, int(20 + 70 * detail), leaf, tint, rng)])
 
 
 def tree(position: tuple[float, float, float], height: float, detail: float, rng: np.random.Generator) -> Part:
-    """A broad-leaved tree of about 900 * detail triangles."""
+    """A broad-leaved tree; ``detail`` 1 is about 1300 triangles, 0.3 about 350."""
     p = np.asarray(position, float)
     lean = np.array([*rng.normal(0, 0.03, 2), 1.0])
     stem = rng.uniform(0.26, 0.36) * height
     middle = p + lean * (stem + 0.33 * height)
     crown = np.array([0.27, 0.27, 0.34]) * height * rng.uniform(0.9, 1.15, 3)
-    tint = np.array([rng.uniform(0.85, 1.15), 1.0, 0.9]) * rng.uniform(0.65, 1.0)
-    radius, leaf = 0.022 * height, 0.048 * height / detail**0.45
-    parts = [_limb(p - _UP * 0.1, p + lean * (stem + 0.2 * height), radius, 0.5 * radius), _core(middle, crown, rng)]
-    blobs = 6 if detail > 0.4 else 4
+    tint = np.array([rng.uniform(0.85, 1.15), 1.0, 0.9]) * rng.uniform(0.75, 1.0)
+    radius, leaf = 0.022 * height, 0.035 * height / max(detail, 0.3) ** 0.4
+    parts = [_limb(p - _UP * 0.1, p + lean * (stem + 0.2 * height), radius, 0.5 * radius)]
+    blobs = 6 if detail > 0.4 else 3
     for k in range(blobs):
         a = 2 * np.pi * k / blobs + rng.uniform(0, 0.6)
-        out = np.array([np.cos(a), np.sin(a), rng.uniform(-0.6, 0.8)]) * crown * 0.55
+        out = np.array([np.cos(a), np.sin(a), rng.uniform(-0.6, 0.6)]) * crown * 0.5
         if detail > 0.4:
             fork = p + lean * stem * rng.uniform(0.85, 1.1)
             parts.append(_limb(fork, middle + out * 0.8, 0.4 * radius, 0.1 * radius, 4))
-        blob = crown * rng.uniform(0.46, 0.62)
-        parts.append(_clusters(middle + out, blob, int(600 * detail / blobs), leaf, tint, rng))
-    parts.append(_clusters(middle + _UP * 0.3 * crown[2], crown * 0.8, int(170 * detail), leaf, tint, rng))
+        blob = crown * rng.uniform(0.46, 0.60)
+        parts.append(_foliage(middle + out, blob, detail, leaf, tint * rng.uniform(0.88, 1.1), rng))
+    parts.append(_foliage(middle + _UP * 0.42 * crown[2], crown * [0.62, 0.62, 0.58], detail, leaf, tint, rng))
     return merged(parts)
 
 
@@ -91,11 +102,12 @@ def conifer(position: tuple[float, float, float], height: float, detail: float, 
     p = np.asarray(position, float)
     tint = np.array([0.55, 0.72, 0.62]) * rng.uniform(0.7, 1.0)
     parts = [_limb(p - _UP * 0.1, p + _UP * 0.97 * height, 0.018 * height, 0.003 * height, 5)]
+    parts.append(_lump(p + _UP * 0.42 * height, np.array([0.13, 0.13, 0.36]) * height, 4, 7, 0.5 * tint, rng))
     whorls = 11
     for k in range(whorls):
         share = (k + 0.5) / whorls
         wide = 0.19 * height * (1 - share) * rng.uniform(0.8, 1.2) + 0.02 * height
-        count = max(int(60 * detail * (1.2 - share)), 8)
+        count = max(int(45 * detail * (1.2 - share)), 8)
         leaf = 0.045 * height / detail**0.4 * (1.15 - 0.6 * share)
         at = p + _UP * height * (0.12 + 0.84 * share)
         parts.append(_clusters(at, np.array([wide, wide, 0.05 * height]), count, leaf, tint, rng))
@@ -104,12 +116,10 @@ def conifer(position: tuple[float, float, float], height: float, detail: float, 
 
 def bush(position: tuple[float, float, float], size: float, detail: float, rng: np.random.Generator) -> Part:
     """A bush or a piece of hedge."""
-    p = np.asarray(position, float) + _UP * 0.45 * size
+    p = np.asarray(position, float) + _UP * 0.42 * size
     radius = np.array([0.6, 0.6, 0.5]) * size * rng.uniform(0.85, 1.2, 3)
-    tint = np.array([0.9, 0.95, 0.8]) * rng.uniform(0.6, 1.0)
-    return merged(
-        [_core(p, radius, rng), _clusters(p, radius, int(170 * detail), 0.12 * size / detail**0.4, tint, rng)]
-    )
+    tint = np.array([0.9, 0.95, 0.8]) * rng.uniform(0.65, 1.0)
+    return _foliage(p, radius, detail, 0.10 * size / detail**0.4, tint, rng)
 
 
 def wooded_hills(center: tuple[float, float], radius: float, rng: np.random.Generator) -> Part:
