@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,16 @@ class Camera:
     def is_distorted(self) -> bool:
         return bool(np.any(self.distortion))
 
+    @cached_property
+    def _fold(self) -> float:
+        """Squared radius where r (1 + k1 r² + k2 r⁴ + k3 r⁶) ceases to grow: beyond it the model folds back inwards."""
+        k1, k2, _, _, k3 = self.distortion
+        roots = np.roots([7 * k3, 5 * k2, 3 * k1, 1.0])
+        return float(np.min(roots.real[(np.abs(roots.imag) < 1e-9) & (roots.real > 0)], initial=np.inf))
+
+    def _before_fold(self, xy: Array) -> Array:
+        return np.asarray(np.where(np.sum(xy * xy, axis=-1, keepdims=True) < self._fold, xy, np.nan))
+
     def distort(self, xy: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
         """Ideal to distorted normalised coordinates, Brown model."""
         return self._distort(np.asarray(xy, float))[0]
@@ -71,7 +82,7 @@ class Camera:
         return np.stack([xd, yd], axis=-1), J
 
     def undistort(self, xy_d: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
-        """Inverse of `distort` by Newton's method, to 1e-12 inside the image; NaN where it does not converge."""
+        """Inverse of `distort` by Newton's method, to 1e-12 inside the image; NaN where no ray belongs to the pixel."""
         xy_d = np.asarray(xy_d, float)
         if not self.is_distorted:
             return xy_d
@@ -80,13 +91,13 @@ class Camera:
             value, J = self._distort(xy)
             xy = xy - np.linalg.solve(J, (value - xy_d)[..., None])[..., 0]
         error = np.abs(self._distort(xy)[0] - xy_d).max(axis=-1, keepdims=True)
-        return np.asarray(np.where(error < 1e-10, xy, np.nan))
+        return self._before_fold(np.where(error < 1e-10, xy, np.nan))
 
     def project(self, p_c: Float[Array, "*b 3"]) -> Float[Array, "*b 2"]:
-        """Pixel coordinates of points in the camera frame [m]; NaN behind the camera."""
+        """Pixel coordinates of points in the camera frame [m]; NaN behind the camera and beyond the lens model."""
         p = np.asarray(p_c, float)
         z = np.where(p[..., 2] > 0, p[..., 2], np.nan)
-        return self.to_pixels(self.distort(p[..., :2] / z[..., None]))
+        return np.asarray(self.to_pixels(self.distort(self._before_fold(p[..., :2] / z[..., None]))))
 
     def project_jacobian(self, p_c: Float[Array, "*b 3"]) -> Float[Array, "*b 2 3"]:
         """d(u, v)/d(p_c) [px/m]."""

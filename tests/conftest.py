@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from beartype import BeartypeConf, beartype
 from jaxtyping import install_import_hook
 
-install_import_hook(["sim", "estimators"], "beartype.beartype")
+# As PEP 484 has it, an int is welcome where a float is asked for.
+checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
+install_import_hook(["sim", "estimators"], f"{__name__}.checked")
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 
