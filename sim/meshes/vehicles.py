@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from sim.archive import freeze
 from sim.meshes.atlas import Atlas
 from sim.meshes.body import DETAILS, Chassis, Detail, half_width, loft
 from sim.meshes.paint import PAINTS, paint_vehicle
@@ -45,7 +46,7 @@ def make_vehicle(
     paint = _paint(color, rng)
     shape = _scaled(typical, size)
     atlas = Atlas(size, shape.wheel_radius_m)
-    texture = paint_vehicle(typical, atlas, paint, shape.wheel_radius_m, rng)
+    texture = freeze(paint_vehicle(typical, atlas, paint, shape.wheel_radius_m, rng))  # shared by all levels
     parts = [_build(shape, atlas, detail) for detail in DETAILS]
     return VehicleModel(
         name=kind,
