@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from scipy.spatial import Delaunay
 
@@ -90,8 +91,7 @@ def _panel(
         true, estimated = T_vc.apply(c.p_c)[:, view], T_vc.apply(c.y_c)[:, view]
         ax.plot(true[:, 0], true[:, 1], ".", color=TRUTH, ms=1.6, label="true points", zorder=4)
         joins = np.stack([true, estimated], axis=1)
-        for a, b in joins:
-            ax.plot([a[0], b[0]], [a[1], b[1]], "-", color=color(rank), lw=0.4, alpha=0.5)
+        ax.add_collection(LineCollection(list(joins), colors=color(rank), linewidths=0.4, alpha=0.5))
         ax.plot(
             estimated[:, 0], estimated[:, 1], marker(rank), color=color(rank), ms=2.8, mew=0, alpha=0.8, label=label
         )

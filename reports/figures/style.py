@@ -70,12 +70,12 @@ def marker(i: int) -> str:
 
 
 def legend(figure: Figure, axes: Sequence[Axes]) -> None:
-    """One legend for all axes, above them, each label once, the truth first."""
+    """One legend for all axes, above them, each label once, the truth first, then the boxes."""
     entries: dict[str, Any] = {}
     for ax in axes:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
-    labels = sorted(entries, key=lambda label: not label.startswith("tru"))
+    labels = sorted(entries, key=lambda label: 0 if label.startswith("tru") else 1 if label.startswith("box") else 2)
     if labels:
         handles = [entries[label] for label in labels]
         figure.legend(handles, labels, loc="outside upper left", ncols=4, frameon=False, handlelength=1.6)
