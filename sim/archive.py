@@ -6,6 +6,7 @@ import dataclasses
 import json
 import os
 import tempfile
+import zipfile
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -89,13 +90,14 @@ def load(path: Path) -> dict[str, Any]:
     """The fields stored by `save`, nested dataclasses as dicts; the caller rebuilds its type.
 
     Raises
-        ValueError: the file is not one of ours.
+        ValueError: the file is not one of ours, or damaged.
     """
-    with np.load(path, allow_pickle=False) as z:
-        if _JSON not in z:
-            raise ValueError(f"{path}: not a pruefstand archive")
-        arrays = {k: z[k] for k in z.files if k != _JSON}
-        skeleton = json.loads(z[_JSON].tobytes().decode())
+    try:
+        with open(path, "rb") as f, np.load(f, allow_pickle=False) as z:
+            arrays = {k: z[k] for k in z.files}
+        skeleton = json.loads(arrays.pop(_JSON).tobytes().decode())
+    except (ValueError, KeyError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: not a pruefstand archive") from error
 
     def rebuild(v: Any) -> Any:
         if isinstance(v, dict):

@@ -122,12 +122,12 @@ class Camera:
     def normalise_jacobian(self, xy: Float[Array, "*b 2"]) -> Float[Array, "*b 2 2"]:
         """d(x, y)/d(u, v) at the ideal normalised point (x, y)."""
         J = self.K[:2, :2] @ self._distort(np.asarray(xy, float))[1]
-        return np.linalg.inv(J)
+        return np.asarray(np.linalg.inv(J))
 
     def unproject(self, uv: Float[Array, "*b 2"], depth: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
         """Point in the camera frame with the given depth z [m] on the ray of a pixel."""
         xy = self.normalise(uv)
-        return np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1) * np.asarray(depth, float)[..., None]
+        return np.asarray(np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1) * np.asarray(depth, float)[..., None])
 
     def contains(self, uv: Float[Array, "*b 2"], margin_px: float = 0.0) -> Bool[Array, "*b"]:
         """Whether a pixel lies inside the image (NaN does not)."""

@@ -49,7 +49,7 @@ class Trajectory:
     def _checked(self, t: ArrayLike) -> Array:
         t = np.asarray(t, float)
         slack = 1e-9 * max(1.0, float(np.abs(self.t_s).max()))
-        if np.any(t < self.t_s[0] - slack) or np.any(t > self.t_s[-1] + slack):
+        if not np.all((t >= self.t_s[0] - slack) & (t <= self.t_s[-1] + slack)):
             raise ValueError(f"Trajectory: {t.min()}..{t.max()} s is outside {self.t_s[0]}..{self.t_s[-1]} s")
         return np.asarray(np.clip(t, self.t_s[0], self.t_s[-1]))
 
