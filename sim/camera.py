@@ -127,7 +127,8 @@ class Camera:
     def unproject(self, uv: Float[Array, "*b 2"], depth: Float[Array, "*b"]) -> Float[Array, "*b 3"]:
         """Point in the camera frame with the given depth z [m] on the ray of a pixel."""
         xy = self.normalise(uv)
-        return np.asarray(np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1) * np.asarray(depth, float)[..., None])
+        ray = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+        return np.asarray(ray * np.asarray(depth, float)[..., None])
 
     def contains(self, uv: Float[Array, "*b 2"], margin_px: float = 0.0) -> Bool[Array, "*b"]:
         """Whether a pixel lies inside the image (NaN does not)."""
