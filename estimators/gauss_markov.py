@@ -57,50 +57,76 @@ def inverse_spd(N: Float[np.ndarray, "n 3 3"], what: str) -> Float[np.ndarray, "
     return np.asarray((inverse + np.swapaxes(inverse, 1, 2)) / 2)
 
 
-def reduce_points(
-    frame: Int[np.ndarray, "k"],
-    point: Int[np.ndarray, "k"],
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """What every observation adds to the normal equations: N_pp (k, 6, 6), N_pX (k, 6, 3), N_XX (k, 3, 3) and the right
+    sides b_p (k, 6), b_X (k, 3)."""
+
+    N_pp: Float[np.ndarray, "k 6 6"]
+    N_pX: Float[np.ndarray, "k 6 3"]
+    N_XX: Float[np.ndarray, "k 3 3"]
+    b_p: Float[np.ndarray, "k 6"]
+    b_X: Float[np.ndarray, "k 3"]
+
+
+def normal_blocks(
     A: Float[np.ndarray, "k 3 6"],
     B: Float[np.ndarray, "k 3 3"],
     W: Float[np.ndarray, "k 3 3"],
     dl: Float[np.ndarray, "k 3"],
-    m: int,
-    n: int,
-) -> Reduced:
-    """Eliminates the points from ``dl + v = A dp[frame] + B dX[point]`` with weights W; Siegemund 2008, (3.5.6).
+) -> Blocks:
+    """Blocks of ``dl + v = A dp + B dX`` with weights W: N = A'WA, b = A'W dl (2.1.16)."""
+    AW, BW = np.swapaxes(A, 1, 2) @ W, np.swapaxes(B, 1, 2) @ W
+    l = dl[:, :, None]
+    return Blocks(AW @ A, AW @ B, BW @ B, (AW @ l)[:, :, 0], (BW @ l)[:, :, 0])
+
+
+def reduce_points(frame: Int[np.ndarray, "k"], point: Int[np.ndarray, "k"], blocks: Blocks, m: int, n: int) -> Reduced:
+    """Eliminates the points from the normal equations; Siegemund 2008, (3.5.6).
 
     Raises
         SingularSystem: a point is not determined by its observations.
     """
-    WA, WB = W @ A, W @ B
-    N_inv = inverse_spd(sum_by(point, np.swapaxes(B, 1, 2) @ WB, n), "a point is not determined by its observations")
-    b_X = sum_by(point, np.einsum("kab,ka->kb", WB, dl), n)
-    b_p = sum_by(frame, np.einsum("kab,ka->kb", WA, dl), m).ravel()
-    blocks = np.zeros((n, m, 3, 6))
-    np.add.at(blocks, (point, frame), np.swapaxes(B, 1, 2) @ WA)
-    N_Xp = blocks.transpose(0, 2, 1, 3).reshape(n, 3, 6 * m)
-    h = N_inv @ N_Xp
-    S = scipy.linalg.block_diag(*sum_by(frame, np.swapaxes(A, 1, 2) @ WA, m))
-    S = S - np.tensordot(N_Xp, h, axes=((0, 1), (0, 1)))
-    rhs = b_p - np.tensordot(h, b_X, axes=((0, 1), (0, 1)))
-    return Reduced((S + S.T) / 2, rhs, N_inv, h)
+    N_inv = inverse_spd(sum_by(point, blocks.N_XX, n), "a point is not determined by its observations")
+    b_X = sum_by(point, blocks.b_X, n)
+    by_frame = np.zeros((n, m, 3, 6))
+    np.add.at(by_frame, (point, frame), np.swapaxes(blocks.N_pX, 1, 2))
+    N_Xp = by_frame.transpose(0, 2, 1, 3).reshape(n * 3, 6 * m)
+    h = (N_inv @ N_Xp.reshape(n, 3, 6 * m)).reshape(n * 3, 6 * m)
+    S = scipy.linalg.block_diag(*sum_by(frame, blocks.N_pp, m)) - N_Xp.T @ h
+    rhs = sum_by(frame, blocks.b_p, m).ravel() - h.T @ b_X.ravel()
+    return Reduced((S + S.T) / 2, rhs, N_inv, h.reshape(n, 3, 6 * m))
 
 
-def invert_with_null_space(S: Float[np.ndarray, "p p"], G: Float[np.ndarray, "p g"]) -> Float[np.ndarray, "p p"]:
-    """Symmetric reflexive generalised inverse of S whose null space is spanned by G: the datum ``G' D dp = 0``.
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Eigenvalues and -vectors of D^-1 S D^-1 with unit diagonal (D), without its null space; scale (p,) = diag(D)."""
 
-    S is scaled to unit diagonal (D) first, so that radians and metres weigh alike.
+    values: Float[np.ndarray, "q"]
+    vectors: Float[np.ndarray, "p q"]
+    scale: Float[np.ndarray, "p"]
 
-    Raises
-        SingularSystem: S has further null directions: the motion is not determined.
-    """
-    d = np.sqrt(np.clip(np.diag(S), 0, None))
-    if not np.all(d > 0):
+    def solve(self, rhs: Float[np.ndarray, "p"], damping: float = 0.0) -> Float[np.ndarray, "p"]:
+        """Step for the right side with the eigenvalues |lambda| + damping: downhill whatever their sign."""
+        weights = np.abs(self.values) + damping
+        return np.asarray(self.vectors @ ((self.vectors.T @ (rhs / self.scale)) / weights) / self.scale)
+
+    def inverse(self) -> Float[np.ndarray, "p p"]:
+        """Symmetric reflexive generalised inverse: the datum in which the null space has no share.
+
+        Raises
+            SingularSystem: S has further null directions, or is not positive: the motion is not determined.
+        """
+        if self.values[0] < 1e-11 * self.values[-1]:
+            raise SingularSystem("the motion is not determined by the tracks")
+        return np.asarray((self.vectors / self.values) @ self.vectors.T / np.outer(self.scale, self.scale))
+
+
+def spectrum(S: Float[np.ndarray, "p p"], scale: Float[np.ndarray, "p"], G: Float[np.ndarray, "p g"]) -> Spectrum:
+    """Spectrum of S in units of ``scale`` (radians and metres weigh alike), orthogonal to the null space G."""
+    if not np.all(scale > 0):
         raise SingularSystem("a pose is not observed")
-    Q, _ = np.linalg.qr(G * d[:, None])
-    scaled = S / np.outer(d, d)
-    values, vectors = scipy.linalg.eigh(scaled + Q @ Q.T)
-    if values[0] < 1e-11 * values[-1]:
-        raise SingularSystem("the motion is not determined by the tracks")
-    inverse = (vectors / values) @ vectors.T - Q @ Q.T
-    return np.asarray(inverse / np.outer(d, d))
+    Q, _ = np.linalg.qr(G * scale[:, None], mode="complete")
+    Q = Q[:, G.shape[1] :]
+    values, vectors = scipy.linalg.eigh(Q.T @ (S / np.outer(scale, scale)) @ Q)
+    return Spectrum(values, Q @ vectors, scale)

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from sim.pose import exp_so3, log_so3
 
 Array = np.ndarray
-Axes = Literal["principal_axes_xz", "principal_axes"]
+Axes = Literal["unrotated", "principal_axes_xz", "principal_axes"]
 
 
 def from_cloud(
@@ -18,6 +18,7 @@ def from_cloud(
 ) -> tuple[Float[Array, "m 3 3"], Float[Array, "m 3"]]:
     """Centroid (3.7.1) and principal axes (3.7.2)-(3.7.6) of the cloud of every frame.
 
+    "unrotated" takes the centroid alone (ours): where noise in depth shapes the cloud its axes say little.
     "principal_axes_xz" takes the axes of the cloud projected into the camera's XZ plane, e_y fixed. The source adapts
     the signs to the frame before; we also let the two axes of the plane change places, which they do where the cloud is
     nearly round.
@@ -28,7 +29,7 @@ def from_cloud(
         T[t] = cloud.mean(axis=0)
         d = cloud - T[t]
         before = R[t - 1] if t else np.eye(3)
-        R[t] = _axes_xz(d, before) if axes == "principal_axes_xz" else _axes_3d(d, before)
+        R[t] = _AXES[axes](d, before)
     return R, T
 
 
@@ -44,6 +45,9 @@ def _axes_3d(d: Array, before: Array) -> Array:
     e_x = e_x * (1.0 if e_x @ before[:, 0] >= 0 else -1.0)
     e_y = e_y * (1.0 if e_y @ before[:, 1] >= 0 else -1.0)
     return np.stack([e_x, e_y, np.cross(e_x, e_y)], axis=1)
+
+
+_AXES = {"unrotated": lambda _, before: before, "principal_axes_xz": _axes_xz, "principal_axes": _axes_3d}
 
 
 def extrapolate(

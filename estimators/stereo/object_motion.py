@@ -11,17 +11,28 @@ source's T <- exp(dr) T + dT (3.1.33), far better conditioned. Linearised (the t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimators.gauss_markov import SingularSystem, inverse_spd, invert_with_null_space, reduce_points, sum_by
+from estimators.gauss_markov import (
+    Blocks,
+    Reduced,
+    SingularSystem,
+    Spectrum,
+    inverse_spd,
+    normal_blocks,
+    reduce_points,
+    spectrum,
+    sum_by,
+)
 from sim.pose import exp_so3, hat, left_jacobian, log_so3
 
 Array = np.ndarray
 Stop = Literal["decrement", "update", "relative_update"]
+_TRIES = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +108,36 @@ def align(X: Float[Array, "n 3"], to: Float[Array, "n 3"]) -> tuple[Float[Array,
     return Q, b - Q @ a
 
 
-def _step(problem: Problem, R: Array, X: Array, residual: Array, W: Array) -> tuple[Array, float, Array]:
-    """Pose update (m, 6), squared Newton decrement, and standard deviations (6m,) of the reduced system."""
-    R_k = R[problem.frame]
-    A = design(R_k, X[problem.point])
-    reduced = reduce_points(problem.frame, problem.point, A, R_k, W, residual, problem.m, problem.n)
-    Sigma = invert_with_null_space(reduced.S, null_space(R))
-    dp = Sigma @ reduced.rhs
-    return dp.reshape(problem.m, 6), float(reduced.rhs @ dp), np.sqrt(np.clip(np.diag(Sigma), 0, None))
+def _curved(blocks: Blocks, R_k: Array, X_k: Array, g: Array) -> Blocks:
+    """Adds the second derivatives of the model, which Gauss-Newton drops, so that the step is Newton's.
+
+    With g = W v, a = R X: g'(dr x (dr x a))/2 + g'(dr x R dX) is the term of second order of the cost.
+    """
+    a = (R_k @ X_k[:, :, None])[:, :, 0]
+    ga = g[:, :, None] * a[:, None, :]
+    N_pp, N_pX = blocks.N_pp.copy(), blocks.N_pX.copy()
+    N_pp[:, :3, :3] += (ga + np.swapaxes(ga, 1, 2)) / 2 - np.sum(g * a, axis=1)[:, None, None] * np.eye(3)
+    N_pX[:, :3] -= hat(g) @ R_k
+    return replace(blocks, N_pp=N_pp, N_pX=N_pX)
+
+
+def _newton_system(problem: Problem, R: Array, X: Array, residual: Array, W: Array) -> tuple[Spectrum, Array]:
+    """Spectrum and right side of the reduced Newton system at the poses and the points that are best for them."""
+    R_k, X_k = R[problem.frame], X[problem.point]
+    plain = normal_blocks(design(R_k, X_k), R_k, W, residual)
+    curved = _curved(plain, R_k, X_k, -(W @ residual[:, :, None])[:, :, 0])
+    reduced = reduce_points(problem.frame, problem.point, curved, problem.m, problem.n)
+    scale = np.sqrt(np.einsum("tpp->tp", sum_by(problem.frame, plain.N_pp, problem.m))).ravel()
+    return spectrum(reduced.S, scale, null_space(R)), reduced.rhs
+
+
+def pose_covariance(frame: Array, point: Array, R: Array, X: Array, W: Array) -> tuple[Float[Array, "p p"], Reduced]:
+    """Covariance (6m, 6m) of the poses in the datum without null-space share, (2.1.21), and the reduced system."""
+    R_k = R[frame]
+    blocks = normal_blocks(design(R_k, X[point]), R_k, W, np.zeros((len(frame), 3)))
+    reduced = reduce_points(frame, point, blocks, len(R), len(X))
+    scale = np.sqrt(np.clip(np.diag(reduced.S), 0, None))
+    return spectrum(reduced.S, scale, null_space(R)).inverse(), reduced
 
 
 def _cost(problem: Problem, R: Array, T: Array, observed: Array, W: Array) -> tuple[float, Array]:
@@ -121,7 +154,11 @@ def adjust(
     tolerance: float = 1e-6,
     max_iterations: int = 50,
 ) -> Solution:
-    """Gauss-Newton with the points solved anew for the poses of every iteration, and step halving.
+    """Gauss-Newton with the points solved anew for the poses of every iteration, carried on to Newton's method.
+
+    Far objects need the second derivatives that Gauss-Newton drops: their residuals are large against the curvature,
+    and plain Gauss-Newton creeps. Where the matrix is not positive its eigenvalues enter by magnitude; where a step
+    does not lower the cost it is damped (Levenberg-Marquardt, (2.2.6)).
 
     stop: "decrement" squared Newton decrement below the tolerance; "update" largest parameter change (2.1.19);
     "relative_update" largest change in units of its standard deviation (2.1.20).
@@ -130,34 +167,36 @@ def adjust(
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
     """
     X = points_by_mean(problem, R, T)
+    damping = 0.0
     for iteration in range(1, max_iterations + 1):
         observed, W = problem.model(_camera_points(problem, R, T, X))
         cost, X = _cost(problem, R, T, observed, W)
-        residual = observed - _camera_points(problem, R, T, X)
-        dp, decrement, sigma = _step(problem, R, X, residual, W)
-        gamma, accepted = 1.0, False
-        for _ in range(12):
-            R_new, T_new = exp_so3(gamma * dp[:, :3]) @ R, T + gamma * dp[:, 3:]
+        newton, rhs = _newton_system(problem, R, X, observed - _camera_points(problem, R, T, X), W)
+        for _ in range(_TRIES):
+            dp = newton.solve(rhs, damping).reshape(problem.m, 6)
+            R_new, T_new = exp_so3(dp[:, :3]) @ R, T + dp[:, 3:]
             cost_new, X_new = _cost(problem, R_new, T_new, observed, W)
             if cost_new <= cost * (1 + 1e-12) + 1e-12:
-                accepted = True
+                damping = damping / 10 if damping > 1e-7 else 0.0
                 break
-            gamma /= 2
-        if not accepted:
-            if decrement < 1e-3:
-                return Solution(R, T, X, W, cost, iteration)
+            damping = max(10 * damping, 1e-6)
+        else:
             raise SingularSystem("no step decreases the cost")
         R, T, X, cost = R_new, T_new, X_new, cost_new
-        if _is_done(stop, tolerance, decrement, dp, sigma):
+        if damping == 0.0 and _measure(stop, problem, R, X, W, dp, float(rhs @ newton.solve(rhs))) < tolerance:
             return Solution(R, T, X, W, cost, iteration)
     raise SingularSystem(f"no convergence within {max_iterations} iterations")
 
 
-def _is_done(stop: Stop, tolerance: float, decrement: float, dp: Array, sigma: Array) -> bool:
+def _measure(stop: Stop, problem: Problem, R: Array, X: Array, W: Array, dp: Array, decrement: float) -> float:
+    """What the chosen stop criterion compares with its tolerance."""
     if stop == "decrement":
-        return decrement < tolerance
+        return decrement
     change = np.abs(dp.ravel())
-    return bool(np.max(change if stop == "update" else change / np.where(sigma > 0, sigma, np.inf)) < tolerance)
+    if stop == "relative_update":
+        Sigma, _ = pose_covariance(problem.frame, problem.point, R, X, W)
+        change = change / np.sqrt(np.diag(Sigma))
+    return float(change.max())
 
 
 def motion_covariance(
@@ -176,10 +215,8 @@ def motion_covariance(
     Raises
         SingularSystem: the tracks do not determine the motion (fewer than three, collinear, no overlap).
     """
-    m, n = len(R), len(X)
-    R_k = R[frame]
-    reduced = reduce_points(frame, point, design(R_k, X[point]), R_k, W, np.zeros((len(frame), 3)), m, n)
-    Sigma = invert_with_null_space(reduced.S, null_space(R))
+    m = len(R)
+    Sigma, reduced = pose_covariance(frame, point, R, X, W)
     F_p, F_X = _functionals(R[-2:], X, dt_s)
     F = np.zeros((12, 6 * m))
     F[:, 6 * (m - 2) :] = F_p
