@@ -2,6 +2,7 @@
 
 light       sun, sky and haze; the picture of the sky
 placement   items, level of detail, culling          pure geometry
+chunks      large surfaces in pieces             pure geometry
 view        projection and light boxes               pure geometry
 lens        distortion by resampling                 pure geometry
 flow        optical flow from depth and poses        pure geometry

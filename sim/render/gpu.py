@@ -55,24 +55,20 @@ class SurfaceBuffer(Primitive):  # type: ignore[misc]  # pyrender has no types
 
 
 class SurfaceTexture(Texture):  # type: ignore[misc]  # pyrender has no types
-    """An sRGB image, decoded to linear light when sampled; one that repeats (the ground) is filtered by the shader."""
+    """An sRGB image, decoded to linear light when sampled, and one mipmap level sharper than usual if so wished."""
 
-    def __init__(self, image: Array, repeat: bool) -> None:
+    def __init__(self, image: Array, repeat: bool, sharpen: bool) -> None:
         wrap = GL.GL_REPEAT if repeat else GL.GL_CLAMP_TO_EDGE
-        super().__init__(sampler=Sampler(wrapS=wrap, wrapT=wrap), source=image, source_channels="RGB")
-        self.repeat = repeat
-        self._add_to_context()
-
-    def _add_to_context(self) -> None:
+        super().__init__(sampler=Sampler(wrapS=wrap, wrapT=wrap), source_channels="RGB")
         self._texid = GL.glGenTextures(1)
         self._bind()
-        data = np.ascontiguousarray(self.source[::-1])
+        data = np.ascontiguousarray(image[::-1])
         h, w = data.shape[:2]
         GL.glPixelStorei(GL.GL_UNPACK_ALIGNMENT, 1)
         GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_SRGB8, w, h, 0, GL.GL_RGB, GL.GL_UNSIGNED_BYTE, data)
         GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
         _filter(GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR, self.sampler.wrapS)
-        if not self.repeat:
+        if sharpen:
             GL.glTexParameterf(GL.GL_TEXTURE_2D, GL.GL_TEXTURE_LOD_BIAS, -1.0)
 
 

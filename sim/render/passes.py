@@ -43,15 +43,23 @@ class Passes:
         self._light = light
         self._programs = Programs()
         self._buffers = [SurfaceBuffer(s) for s in surfaces]
-        images: dict[tuple[int, bool], SurfaceTexture] = {}
+        images: dict[tuple[int, bool, bool], SurfaceTexture] = {}
         self._textures: list[SurfaceTexture | None] = []
+        self._defines: list[tuple[str, ...]] = []
         for s in surfaces:
-            key = (id(s.texture), s.repeat)
+            flat = bool(np.mean(s.normals[:, 2] > 0.9) > 0.5)
+            key = (id(s.texture), s.repeat, flat)
             if s.texture is not None and key not in images:
-                images[key] = SurfaceTexture(s.texture, s.repeat)
+                images[key] = SurfaceTexture(s.texture, s.repeat, sharpen=not flat)
             self._textures.append(images.get(key))
+            wanted = {
+                "WITH_TEXTURE": s.texture is not None,
+                "WITH_STRETCH": s.texture is not None and flat,
+                "WITH_GLOSS": bool(s.gloss.any()),
+                "WITH_SHADOWS": light.shadows,
+            }
+            self._defines.append(tuple(name for name, yes in wanted.items() if yes))
         self._images = list(images.values())
-        self._glossy = [bool(s.gloss.any()) for s in surfaces]
         self._sky = radiance_texture(sky_picture(light))
         self._empty = int(GL.glGenVertexArrays(1))
         self._sun_map, self._zenith_map = DepthMap(_SUN_MAP), DepthMap(_ZENITH_MAP)
@@ -78,9 +86,7 @@ class Passes:
         for batch in draws:
             self._buffers[batch.surface].draw(batch.T_anchor_items, batch.instance)
 
-    def color(
-        self, eye: Eye, finer: int, draws: Sequence[Batch], sun: LightMap | None, zenith: LightMap | None
-    ) -> Array:
+    def color(self, eye: Eye, finer: int, draws: Sequence[Batch], maps: tuple[LightMap, LightMap] | None) -> Array:
         """Image (h finer, w finer, 4) uint8 as the eye's camera sees it; its fourth channel means nothing."""
         target = self._target(eye.camera, finer, GL.GL_RGBA8)
         target.bind()
@@ -89,8 +95,8 @@ class Passes:
         self._bind_maps()
         for batch in draws:
             texture = self._textures[batch.surface]
-            defines = self._defines(batch.surface, sun is not None)
-            uniforms = {} if defines in used else self._uniforms(eye, sun, zenith)
+            defines = self._defines[batch.surface]
+            uniforms = {} if defines in used else self._uniforms(eye, maps)
             used.add(defines)
             self._programs.use("surface.vert", "surface.frag", defines, **uniforms)
             if texture is not None:
@@ -110,17 +116,7 @@ class Passes:
         self._draw(draws)
         return target.read(GL.GL_RG, GL.GL_FLOAT)
 
-    def _defines(self, surface: int, shadows: bool) -> tuple[str, ...]:
-        texture = self._textures[surface]
-        wanted = {
-            "WITH_TEXTURE": texture is not None,
-            "WITH_STRETCH": texture is not None and texture.repeat,
-            "WITH_GLOSS": self._glossy[surface],
-            "WITH_SHADOWS": shadows,
-        }
-        return tuple(name for name, yes in wanted.items() if yes)
-
-    def _uniforms(self, eye: Eye, sun: LightMap | None, zenith: LightMap | None) -> dict[str, object]:
+    def _uniforms(self, eye: Eye, maps: tuple[LightMap, LightMap] | None) -> dict[str, object]:
         light = self._light
         uniforms: dict[str, object] = {
             "camera": eye.clip_from_anchor,
@@ -138,7 +134,8 @@ class Passes:
             "sun_map": 2,
             "zenith_map": 3,
         }
-        if sun is not None and zenith is not None:
+        if maps is not None:
+            sun, zenith = maps
             texel = sun.width_m / _SUN_MAP
             uniforms |= {
                 "sun_box": sun.unit_from_anchor,

@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from sim.archive import freeze_fields
 from sim.model import Model, Surface
 from sim.pose import Pose
+from sim.render.chunks import chunks
 
 Array = np.ndarray
 _CORNERS = np.stack(np.meshgrid([0, 1], [0, 1], [0, 1], indexing="ij"), axis=-1).reshape(8, 3)
@@ -57,23 +58,24 @@ def _box(vertices: Array) -> Array:
 
 
 def inventory(items: Sequence[Item]) -> Inventory:
-    """Lists what the items consist of; surfaces that items share are listed once."""
+    """Lists what the items consist of, large surfaces in pieces; what items share is listed once."""
     if not items:
         raise ValueError("items: expected at least one, got none")
-    index: dict[int, int] = {}
+    parts: dict[int, list[int]] = {}
     surfaces: list[Surface] = []
     rows, corners, centers, radii = [], [], [], []
     for i, item in enumerate(items):
         finest = np.concatenate([_box(s.vertices) for s in item.model.levels[0]])
         centers.append((finest.min(axis=0) + finest.max(axis=0)) / 2)
         radii.append(np.linalg.norm(finest - centers[-1], axis=-1).max())
-        for level, parts in enumerate(item.model.levels):
-            for s in parts:
-                if id(s) not in index:
-                    index[id(s)] = len(surfaces)
-                    surfaces.append(s)
-                rows.append((i, level, index[id(s)], s.cast_shadow, item.instance))
-                corners.append(_box(s.vertices))
+        for level, whole in ((level, s) for level, surfaces_of in enumerate(item.model.levels) for s in surfaces_of):
+            if id(whole) not in parts:
+                pieces = chunks(whole)
+                parts[id(whole)] = list(range(len(surfaces), len(surfaces) + len(pieces)))
+                surfaces += pieces
+            for k in parts[id(whole)]:
+                rows.append((i, level, k, whole.cast_shadow, item.instance))
+                corners.append(_box(surfaces[k].vertices))
     switch = np.full((len(items), max(len(i.model.levels) for i in items) - 1), np.inf)
     for row, item in zip(switch, items, strict=True):
         row[: len(item.model.switch_m)] = item.model.switch_m

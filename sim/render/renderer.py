@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -18,6 +19,9 @@ from sim.render.lens import Lens
 from sim.render.light import Light
 from sim.render.placement import Batch, Item, Placement, batches, inventory, outside, place
 from sim.render.view import Eye, fit_light_box
+
+if TYPE_CHECKING:
+    from sim.render.passes import LightMap
 
 Array = np.ndarray
 PRODUCTS = frozenset({"color", "depth", "instance"})
@@ -102,14 +106,11 @@ class Renderer:
             Eye.at(camera if lens is None else lens.ideal, T_wc, placement.anchor, placement.corners)
             for (camera, T_wc), lens in zip(cameras, lenses, strict=True)
         ]
-        if "color" in products:
-            self._draw_light_maps(eyes, placement)
-        return [self._view(eye, lens, placement, products) for eye, lens in zip(eyes, lenses, strict=True)]
+        maps = self._light_maps(eyes, placement) if "color" in products and self._light.shadows else None
+        return [self._view(eye, lens, placement, maps, products) for eye, lens in zip(eyes, lenses, strict=True)]
 
-    def _draw_light_maps(self, eyes: Sequence[Eye], placement: Placement) -> None:
-        self._sun_map = self._zenith_map = None
-        if not self._light.shadows:
-            return
+    def _light_maps(self, eyes: Sequence[Eye], placement: Placement) -> tuple[LightMap, LightMap]:
+        """Draws what the sun sees, and what the zenith sees for the soft shadows of the sky's light."""
         inv, corners = self._inventory, placement.corners
         casts = inv.casts[placement.rows]
         maps = []
@@ -120,15 +121,23 @@ class Renderer:
                 clip = _homogeneous(corners) @ box[0].T
                 draws = batches(inv, placement, casts & ~outside(clip), np.zeros(len(corners)))
             maps.append(draw(box, draws))
-        self._sun_map, self._zenith_map = maps
+        sun, zenith = maps
+        return sun, zenith
 
-    def _view(self, eye: Eye, lens: Lens | None, placement: Placement, products: frozenset[str]) -> View:
+    def _view(
+        self,
+        eye: Eye,
+        lens: Lens | None,
+        placement: Placement,
+        maps: tuple[LightMap, LightMap] | None,
+        products: frozenset[str],
+    ) -> View:
         clip = _homogeneous(placement.corners) @ eye.clip_from_anchor.T
         farthest = np.linalg.norm(placement.corners - eye.center, axis=-1).max(axis=-1)
         draws = batches(self._inventory, placement, ~outside(clip), farthest)
         color = depth = instance = None
         if "color" in products:
-            fine = self._passes.color(eye, self._supersample, draws, self._sun_map, self._zenith_map)
+            fine = self._passes.color(eye, self._supersample, draws, maps)
             if lens is not None:
                 fine = lens.bend(fine)
             w, h = fine.shape[1] // self._supersample, fine.shape[0] // self._supersample

@@ -71,7 +71,7 @@ void main()
     float open = 1.0;
 #ifdef WITH_SHADOWS
     sunlit = lit(sun_map, v_sun_box, sun_step);
-    open = 0.25 + 0.75 * lit(zenith_map, v_zenith_box, zenith_step);
+    open = 0.35 + 0.65 * lit(zenith_map, v_zenith_box, zenith_step);
 #endif
     vec3 light = albedo * (v_sun * sunlit + v_ambient * open);
 #ifdef WITH_GLOSS
