@@ -172,12 +172,12 @@ def failures(metrics: pd.DataFrame, estimator: str) -> list[tuple[str, int]]:
 
 
 def settings(value: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """A resolved scenario as ``key.path`` and value, the way ``--set`` takes them; lists of scalars stay whole."""
+    """A resolved scenario as ``key.path`` and value, the way ``--set`` takes them; lists of scalars stay whole, what is not set stays away."""
     if isinstance(value, Mapping) and value:
         for key, inner in value.items():
             yield from settings(inner, f"{prefix}.{key}" if prefix else str(key))
     elif isinstance(value, list) and any(isinstance(v, (Mapping, list)) for v in value):
         for i, inner in enumerate(value):
             yield from settings(inner, f"{prefix}.{i}")
-    else:
+    elif value is not None:
         yield prefix, json.dumps(value, ensure_ascii=False)

@@ -62,6 +62,8 @@ def frame_strip(
         _points(crop, truth, tracks, frame)
         _view(whole, (0, 0, w, h))
         _view(crop, part)
+        whole.set_anchor("S")
+        crop.set_anchor("N")
         distance = truth.T_cv.apply(truth.reference_v)[frame, 2]
         whole.set_title(f"{truth.t_s[frame]:.2f} s, {distance:.0f} m", fontsize=8)
     legend(figure, list(axes.flat))

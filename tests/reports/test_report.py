@@ -90,15 +90,11 @@ def test_the_report_needs_nothing_else(report):
     assert "9.00 s" not in text
 
 
-def test_the_same_run_gives_the_same_report(report):
-    first = report.read_bytes()
-    assert write_report(report.parent).read_bytes() == first
-
-
 def test_nothing_estimated_still_reports(world, tmp_path):
     folder = tmp_path / "somewhere"
     make_run(folder, world, {"failing": None}, with_image=False)
     text = write_report(folder, name="box").read_text("utf-8")
+    assert write_report(folder, name="box").read_text("utf-8") == text  # no dates, no random numbers
     assert text.count("data:image/png;base64,") == 1
     assert load_run(folder).name == "somewhere"
     metrics = pd.read_csv(folder / "metrics.csv")
@@ -124,7 +120,7 @@ def test_numbers(value, unit, text):
 
 def test_settings_are_paths_and_values():
     found = dict(settings({"a": {"b": [1, 2]}, "c": [{"d": "e"}], "f": [], "g": None}))
-    assert found == {"a.b": "[1, 2]", "c.0.d": '"e"', "f": "[]", "g": "null"}
+    assert found == {"a.b": "[1, 2]", "c.0.d": '"e"', "f": "[]"}
 
 
 def test_silhouette_of_an_l_keeps_its_notch():
