@@ -39,12 +39,17 @@ class Tracks:
             raise ValueError(f"Tracks: expected (n,), (n,), (n, 2), (n, 2), (n, 4, 4), got {shapes}")
         for name in ("uv_left", "uv_right", "cov"):
             if not np.isfinite(getattr(self, name)).all():
-                row = int(np.argwhere(~np.isfinite(getattr(self, name)))[0, 0])
-                raise ValueError(
-                    f"Tracks.{name}: not finite in row {row} (frame {self.frame[row]}, track {self.track[row]})"
-                )
+                raise ValueError(f"Tracks.{name}: not finite in {self._row(~np.isfinite(getattr(self, name)))}")
+        not_positive = np.linalg.eigvalsh(self.cov)[:, :1] <= 0
+        if not_positive.any():
+            raise ValueError(f"Tracks.cov: not positive definite in {self._row(not_positive)}")
         if np.any(np.diff(self.frame) < 0) or np.any((np.diff(self.frame) == 0) & (np.diff(self.track) <= 0)):
             raise ValueError("Tracks: rows must be sorted by (frame, track), each pair at most once")
+
+    def _row(self, where: np.ndarray) -> str:
+        """Names the first row with an entry that is marked."""
+        row = int(np.argwhere(where)[0, 0])
+        return f"row {row} (frame {self.frame[row]}, track {self.track[row]})"
 
     def __len__(self) -> int:
         return len(self.frame)

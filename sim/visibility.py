@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import no_type_check
+
 import numba
 import numpy as np
 from jaxtyping import Bool, Float
@@ -13,7 +15,8 @@ _GAP_M = 0.004
 _CELLS = 48
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
+@no_type_check
 def _hits(p: Array, reach: float, a: Array, e1: Array, e2: Array) -> bool:
     """Moeller-Trumbore for the segment from the origin to reach * p."""
     px, py, pz = p[1] * e2[2] - p[2] * e2[1], p[2] * e2[0] - p[0] * e2[2], p[0] * e2[1] - p[1] * e2[0]
@@ -31,7 +34,8 @@ def _hits(p: Array, reach: float, a: Array, e1: Array, e2: Array) -> bool:
     return bool(0.0 < s < reach)
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
+@no_type_check
 def _mark_hidden(
     points: Array, order: Array, start: Array, low: Array, cell: Array, triangles: Array, hidden: Array
 ) -> None:
