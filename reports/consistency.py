@@ -31,6 +31,14 @@ def band(dof: int, n: int, level: float = 0.99) -> tuple[float, float]:
     return float(chi2.ppf(tail, dof * n)) / (dof * n), float(chi2.ppf(1 - tail, dof * n)) / (dof * n)
 
 
+def pooled_nees(values: Float[Array, "n"], dof: int = DOF) -> tuple[float, float, float]:
+    """Mean of n independent NEES values over its degrees of freedom, and the 99 % band it lies in if C is honest.
+
+    Independent are the runs of one fixed window, or windows of one run that share no frame; never overlapping ones.
+    """
+    return (float(np.mean(values)) / dof, *band(dof, len(values)))
+
+
 def window_nees(c: WindowComparison) -> dict[str, float]:
     """NEES of a window's pose (centroid, rotation) and motion (velocity of the reference point, angular rate).
 

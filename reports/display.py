@@ -172,7 +172,7 @@ def failures(metrics: pd.DataFrame, estimator: str) -> list[tuple[str, int]]:
 
 
 def settings(value: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """A resolved scenario as ``key.path`` and value, the way ``--set`` takes them; lists of scalars stay whole, what is not set stays away."""
+    """A resolved scenario as ``key.path`` and value, the way ``--set`` takes them; what is not set stays away."""
     if isinstance(value, Mapping) and value:
         for key, inner in value.items():
             yield from settings(inner, f"{prefix}.{key}" if prefix else str(key))

@@ -17,7 +17,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from reports.bootstrap import interval
-from reports.consistency import DOF, band
+from reports.consistency import DOF, pooled_nees
 from reports.errors import SMOOTHED, UNITS
 from reports.evaluation import Evaluation
 from sim.streams import stream
@@ -199,8 +199,8 @@ def _nees_rows(nees: pd.DataFrame | None) -> Iterator[dict[str, Any]]:
         return
     for quantity, part in nees[nees["disjoint"].astype(bool)].groupby("quantity", sort=False):
         values = part["nees"].to_numpy(float)[:, None] / DOF
-        lower, upper = band(DOF, len(values))
-        row = _row(str(quantity), "all", "nees", float(values.mean()), "1", "one", len(values))
+        mean, lower, upper = pooled_nees(part["nees"].to_numpy(float))
+        row = _row(str(quantity), "all", "nees", mean, "1", "one", len(values))
         low, high = interval(lambda v: v[..., 0].mean(axis=-1), values, 1, stream(0, 0, f"{quantity}/nees"))
         yield row | {"ci_low": low, "ci_high": high, "reference": f"{lower:.3f}..{upper:.3f}"}
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.stats import chi2
 
-from reports.consistency import band, cramer_rao, disjoint_windows, nees, nees_table
+from reports.consistency import band, cramer_rao, disjoint_windows, nees, nees_table, pooled_nees
 from reports.errors import compare_windows
 
 
@@ -16,8 +16,9 @@ def test_nees_of_honest_samples_is_chi_square():
     A = rng.normal(size=(6, 6))
     cov = A @ A.T + 0.1 * np.eye(6)
     values = nees(rng.multivariate_normal(np.zeros(6), cov, 200), np.broadcast_to(cov, (200, 6, 6)))
-    lower, upper = band(6, 200)
-    assert lower < values.mean() / 6 < upper
+    mean, lower, upper = pooled_nees(values)
+    assert lower < mean < upper
+    assert mean == values.mean() / 6
     assert chi2.cdf(np.sort(values), 6)[100] > 0.4  # the median too, 3 sigma = 0.1
 
 
