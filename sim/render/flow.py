@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, UInt16
@@ -31,18 +32,25 @@ def optical_flow(
     Raises ``ValueError`` if items of one instance do not move as one, or the mask holds an instance without item.
     """
     T_cc = _motions(T_wc_0, T_wc_1, T_w_items_0, T_w_items_1, ids)
-    w, h = camera.size_px
-    uv = np.stack(np.meshgrid(np.arange(w, dtype=float), np.arange(h, dtype=float)), axis=-1)
-    rays = camera.unproject(uv, np.ones((h, w)))
-    flow = np.empty((h, w, 2), np.float32)
-    for i in np.unique(instance):
+    uv, rays = _pixel_rays(camera)
+    z, owner = depth.ravel(), instance.ravel()
+    flow = np.empty((len(z), 2), np.float32)
+    for i in np.unique(owner):
         if int(i) not in T_cc:
             raise ValueError(f"instance: the mask holds {i}, which is not among the items' ids")
         R, t = T_cc[int(i)]
-        mask = instance == i
-        z = np.where(depth[mask] > 0, depth[mask], 1.0).astype(float)
-        flow[mask] = camera.project((rays[mask] * z[:, None]) @ R.T + t) - uv[mask]
-    return flow
+        at = np.flatnonzero(owner == i)
+        p_c0 = rays[at] if i == 0 else rays[at] * z[at, None]
+        flow[at] = camera.project(p_c0 @ R.T + t) - uv[at]
+    return flow.reshape(*depth.shape, 2)
+
+
+@lru_cache(maxsize=2)
+def _pixel_rays(camera: Camera) -> tuple[Float[Array, "n 2"], Float[Array, "n 3"]]:
+    """All pixel centres, row by row, and their rays of unit depth."""
+    w, h = camera.size_px
+    uv = np.stack(np.meshgrid(np.arange(w, dtype=float), np.arange(h, dtype=float)), axis=-1).reshape(-1, 2)
+    return uv, camera.unproject(uv, np.ones(len(uv)))
 
 
 def _motions(

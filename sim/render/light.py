@@ -29,7 +29,7 @@ class Light:
     zenith: Float[Array, "3"]
     horizon: Float[Array, "3"]
     ground: Float[Array, "3"]
-    exposure: float = 0.62
+    exposure: float = 0.72
     haze_m: float = 900.0
     clouds: float = 0.45
     shadows: bool = True
@@ -50,7 +50,7 @@ class Light:
         elevation_deg: float = 40.0,
         strength: float = 1.0,
         ambient: float = 1.0,
-        exposure: float = 0.62,
+        exposure: float = 0.72,
         haze_m: float = 900.0,
         clouds: float = 0.45,
         shadows: bool = True,

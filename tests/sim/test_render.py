@@ -39,10 +39,10 @@ def as_model(mesh: trimesh.Trimesh, color: float = 0.5, gloss: float = 0.0) -> M
     return Model("test", ((surface,),), (), v, f, (float(size[0]), float(size[1]), float(size[2])))
 
 
-def box(*size: float) -> Model:
+def box(*size: float, color: float = 0.5, gloss: float = 0.0) -> Model:
     mesh = trimesh.creation.box(size)
     mesh.unmerge_vertices()  # flat faces
-    return as_model(mesh)
+    return as_model(mesh, color, gloss)
 
 
 @pytest.fixture(scope="module")
@@ -230,6 +230,27 @@ def test_shadow_falls_away_from_the_sun_and_under_the_body(street: tuple[list[It
     west, east, north = (image[v, u].astype(float).mean() for u, v in ((258, 240), (381, 240), (320, 180)))
     assert west < 0.85 * east
     assert abs(east - north) < 3
+
+
+def test_sky_is_the_same_for_every_camera_and_in_a_mirror() -> None:
+    light = Light.daylight(azimuth_deg=180.0, haze_m=np.inf, shadows=False, clouds=0.6)
+    with Renderer([Item(box(4000, 4000, 1, color=0.0, gloss=1.0), 1)], light) as renderer:
+        below = [Pose(np.eye(3), np.array([0, 0, -0.5]))]
+        level = renderer.render(CAMERA, level_camera(), below, frozenset({"color"})).color
+        turned = renderer.render(SKEWED, level_camera(turn=(0.1, 0.2, 0.1)), below, frozenset({"color"})).color
+    assert level is not None
+    assert turned is not None
+    assert level[:200].std() > 5  # there are clouds to compare
+    # 1.5: rounding and the interpolation of the sky's picture; the rows around the horizon show the mirror's end.
+    assert np.abs(level[:200].astype(float) - level[:-201:-1]).max() <= 1.5
+    u, v = np.meshgrid(np.arange(60.0, 580, 20), np.arange(40.0, 140, 10))
+    d_w = level_camera(turn=(0.1, 0.2, 0.1)).R @ SKEWED.unproject(np.stack([u, v], -1), np.ones(u.shape))[..., None]
+    uv = CAMERA.project((level_camera().R.T @ d_w)[..., 0])
+    inside = CAMERA.contains(uv, 1.0) & (uv[..., 1] < 200)
+    at = np.rint(uv[inside]).astype(int)
+    difference = level[at[:, 1], at[:, 0]].astype(float) - turned[v[inside].astype(int), u[inside].astype(int)]
+    assert inside.sum() > 50
+    assert np.abs(difference).max() < 4  # up to 0.7 px apart
 
 
 def test_memory_stays_flat_and_renderers_can_follow_each_other(street: tuple[list[Item], list[Pose]]) -> None:
