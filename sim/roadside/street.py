@@ -12,7 +12,7 @@ from sim.pose import Pose, rot_z
 from sim.roadside.buildings import facade_atlas, house
 from sim.roadside.furniture import bin_, delineator, guard_rail, lamp_post, sign, sign_atlas
 from sim.roadside.ground import KERB_M, PAVEMENT_M, VERGE_M, Layout, ground_surfaces
-from sim.roadside.trees import bush, conifer, tree, wooded_hills
+from sim.roadside.trees import bush, conifer, tree, wood_edge, wooded_hills
 from sim.textures import leaves
 
 Array = np.ndarray
@@ -31,7 +31,7 @@ def build_roadside(
     """The static world from ``y = -behind_m`` to ``length_m`` as (name, model, pose), deterministic in ``rng``.
 
     ``lanes`` are counted from the ego lane to the left. ``crossing_y`` adds a crossing road of two lanes there.
-    ``houses=False`` leaves trees and fields only.
+    ``houses=False`` puts woods in their place.
 
     Raises
         ValueError: a length or width that is not positive, or no lane.
@@ -113,8 +113,8 @@ def _trees(layout: Layout, length_m: float, plots: list[_Plot], rng: np.random.G
             x = edge + side * (0.55 * VERGE_M + rng.uniform(-0.2, 0.2))
             if rng.random() < 0.75 and not layout.near_crossing(at, 9.0):
                 parts.append(tree((x, at, KERB_M), rng.uniform(6.5, 9), 1.0 if at < 70 else 0.5, rng))
-        for _ in range(34):
-            x, at = edge + side * rng.uniform(clear + 1, 75), rng.uniform(-5, length_m + 50)
+        for _ in range(30 if plots else 12):
+            x, at = edge + side * rng.uniform(clear + 1, 75 if plots else clear + 3), rng.uniform(-5, length_m + 50)
             if layout.near_crossing(at, clear) or not _free(plots, x, at, 3.0):
                 continue
             near = abs(x) < 22 and at < 60
@@ -126,7 +126,33 @@ def _trees(layout: Layout, length_m: float, plots: list[_Plot], rng: np.random.G
             if _free(plots, x, at, 0.7) and not layout.near_crossing(at, 8.0):
                 parts.append(bush((x, at, KERB_M), rng.uniform(0.8, 1.6), 1.0 if at < 60 else 0.4, rng))
     parts += _end_of_street(layout, length_m, rng)
+    if not plots:
+        parts += _woods(layout, rng)
     return surface(merged(parts), leaves(rng), crease_rad=np.deg2rad(60))
+
+
+def _woods(layout: Layout, rng: np.random.Generator) -> list[Part]:
+    """The edges of the woods along the street and the crossing road."""
+    back = PAVEMENT_M + 4.5
+    parts = []
+    for x, sx in ((layout.right_m + back, 1.0), (layout.left_m - back, -1.0)):
+        if layout.crossing_m is None:
+            spans = [(np.array([x, layout.begin_m]), np.array([x, layout.end_m]))]
+            corners = []
+        else:
+            reach = layout.crossing_half_m + back
+            corners = [np.array([x, layout.crossing_m - reach]), np.array([x, layout.crossing_m + reach])]
+            spans = [(np.array([x, layout.begin_m]), corners[0]), (corners[1], np.array([x, layout.end_m]))]
+        parts += [_wood(a, b, np.array([-sx, 0.0]), rng) for a, b in spans]
+        for corner, sy in zip(corners, (1.0, -1.0), strict=False):
+            parts.append(_wood(corner, corner + [sx * 120.0, 0.0], np.array([0.0, sy]), rng))
+    return parts
+
+
+def _wood(a: Array, b: Array, toward: Array, rng: np.random.Generator) -> Part:
+    steps = max(round(float(np.hypot(*(b - a))) / 2.5), 2)
+    line = np.linspace(a, b, steps)
+    return wood_edge(line, np.broadcast_to(toward, line.shape), KERB_M, rng)
 
 
 def _end_of_street(layout: Layout, length_m: float, rng: np.random.Generator) -> list[Part]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.meshes.solid import Part, closed_tube, merged
+from jaxtyping import Float
+
+from sim.meshes.solid import Part, closed_tube, face_normals, merged
 
 Array = np.ndarray
 _UP = np.array([0.0, 0.0, 1.0])
@@ -120,6 +122,35 @@ def bush(position: tuple[float, float, float], size: float, detail: float, rng: 
     radius = np.array([0.6, 0.6, 0.5]) * size * rng.uniform(0.85, 1.2, 3)
     tint = np.array([0.9, 0.95, 0.8]) * rng.uniform(0.65, 1.0)
     return _foliage(p, radius, detail, 0.10 * size / detail**0.4, tint, rng)
+
+
+def wood_edge(
+    line: Float[Array, "n 2"], toward: Float[Array, "n 2"], ground_m: float, rng: np.random.Generator
+) -> Part:
+    """The edge of a wood or a high hedge along a line (about 2.5 m steps), seen from the side it is turned ``toward``."""
+    n, rows = len(line), 7
+    t = np.arange(n) * 2.5
+    waves = sum(rng.uniform(0.3, 1) * np.sin(2 * np.pi * t / w + rng.uniform(0, 6.3)) for w in (97.0, 41.0, 19.0, 11.0))
+    height = np.clip(7.0 + 2.6 * waves, 2.5, 13.0)[:, None]
+    level = np.linspace(0, 1, rows)
+    back = -3.2 * level**2 + 0.9 * np.sin(np.pi * level) + rng.normal(0, 0.45, (n, rows)) * (level > 0)
+    xy = line[:, None] + toward[:, None] * back[..., None]
+    z = ground_m - 0.2 + height * np.sin(level * np.pi / 2) + rng.normal(0, 0.3, (n, rows)) * (level > 0)
+    vertices = np.concatenate([xy, z[..., None]], axis=-1).reshape(-1, 3)
+    i, j = np.meshgrid(np.arange(n - 1), np.arange(rows - 1), indexing="ij")
+    a, b = (i * rows + j).ravel(), ((i + 1) * rows + j).ravel()
+    faces = np.concatenate([np.stack([a, b, b + 1], -1), np.stack([a, b + 1, a + 1], -1)])
+    normals, _ = face_normals(vertices[faces])
+    if np.sum(normals[:, :2] * np.repeat(toward, rows, axis=0)[faces[:, 0]]) < 0:
+        faces = faces[:, ::-1]
+    along, up = np.repeat(t, rows), np.tile(level, n) * height.repeat(rows)
+    light = rng.uniform(0.5, 0.9, (len(faces), 1)) * (0.45 + 0.5 * np.tile(level, n)[faces].mean(axis=1, keepdims=True))
+    uv = np.stack([along, up], axis=-1)[faces] / 1.6
+    wall = Part(vertices, faces, uv, light * np.array([0.9, 1.0, 0.85]), np.zeros(len(faces)))
+    chosen = rng.integers(0, n * rows, 4 * n)
+    tint = np.array([0.85, 0.95, 0.8])
+    tufts = [_clusters(vertices[k], np.full(3, 0.9), 3, 0.45, tint * rng.uniform(0.5, 1), rng) for k in chosen]
+    return merged([wall, *tufts])
 
 
 def wooded_hills(center: tuple[float, float], radius: float, rng: np.random.Generator) -> Part:
