@@ -8,6 +8,9 @@ import os
 from typing import Any
 
 
+_PACKAGES = "install the packages libegl1, libgl1 and libgl1-mesa-dri (Debian, Ubuntu)"
+
+
 class RendererUnavailable(RuntimeError):
     """This machine cannot render; the message says which packages are missing."""
 
@@ -26,15 +29,12 @@ def _choose_platform() -> None:
     """Sets PYOPENGL_PLATFORM, unless the user has, to the first that this machine can load."""
     if "PYOPENGL_PLATFORM" in os.environ:
         return
-    if _loads("libEGL.so.1", "libEGL.so") and _loads("libOpenGL.so.0", "libGL.so.1"):
+    if _loads("libEGL.so.1"):
         os.environ["PYOPENGL_PLATFORM"] = "egl"
-    elif _loads("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"):
+    elif _loads("libOSMesa.so.8", "libOSMesa.so.6"):
         os.environ["PYOPENGL_PLATFORM"] = "osmesa"
     else:
-        raise RendererUnavailable(
-            "no OpenGL for rendering without a display: install the packages libegl1, libopengl0 and libgl1-mesa-dri "
-            "(Debian, Ubuntu)"
-        )
+        raise RendererUnavailable(f"no OpenGL for rendering without a display: {_PACKAGES}")
 
 
 @functools.cache
@@ -46,6 +46,9 @@ def context() -> Any:
     """
     _choose_platform()
     try:
+        import pyglet
+
+        pyglet.options["headless"] = True  # pyrender imports its viewer, which else wants libraries of a display
         if os.environ["PYOPENGL_PLATFORM"] == "osmesa":
             from pyrender.platforms.osmesa import OSMesaPlatform as Platform
         else:
@@ -55,7 +58,6 @@ def context() -> Any:
         platform.make_current()
     except Exception as error:
         raise RendererUnavailable(
-            f"OpenGL does not start on this machine ({type(error).__name__}: {error}): install the packages "
-            "libegl1, libopengl0 and libgl1-mesa-dri (Debian, Ubuntu)"
+            f"OpenGL does not start on this machine ({type(error).__name__}: {error}): {_PACKAGES}"
         ) from error
     return platform
