@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from beartype import BeartypeConf, beartype
+from beartype import BeartypeConf, FrozenDict, beartype
 from jaxtyping import install_import_hook
+from numpy.typing import ArrayLike
 
-# As PEP 484 has it, an int is welcome where a float is asked for.
-checked = beartype(conf=BeartypeConf(is_pep484_tower=True))
+# PEP 484 welcomes an int where a float is asked for; at run time NumPy's protocol for sequences knows no tuple.
+checked = beartype(conf=BeartypeConf(is_pep484_tower=True, hint_overrides=FrozenDict({ArrayLike: object})))
 install_import_hook(["sim", "estimators"], f"{__name__}.checked")
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
