@@ -7,7 +7,6 @@ import functools
 import os
 from typing import Any
 
-
 _PACKAGES = "install the packages libegl1, libgl1 and libgl1-mesa-dri (Debian, Ubuntu)"
 
 
