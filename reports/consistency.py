@@ -42,10 +42,12 @@ def pooled_nees(values: Float[Array, "n"], dof: int = DOF) -> tuple[float, float
 def window_nees(c: WindowComparison) -> dict[str, float]:
     """NEES of a window's pose (centroid, rotation) and motion (velocity of the reference point, angular rate).
 
-    Errors are estimate minus truth in left camera axes, the covariance is the one of the stated sigmas.
+    Errors are estimate minus truth in left camera axes, the covariance is the one of the stated sigmas. The true motion
+    is the difference of the same two frames, as the covariance is: the lag of a difference behind the instant is in the
+    errors, not in the NEES.
     """
     pose = np.concatenate([c.estimate.position - c.truth.position, c.orientation])
-    motion = np.concatenate([c.estimate.velocity - c.truth.velocity, c.estimate.omega - c.truth.omega])
+    motion = np.concatenate([c.estimate.velocity - c.true_velocity, c.estimate.omega - c.true_omega])
     return {
         "pose": float(nees(pose, c.window.cov[:6, :6])),
         "velocity": float(nees(motion, at_reference(c.window.cov, c.estimate)[6:, 6:])),

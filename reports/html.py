@@ -32,7 +32,8 @@ FIGURES = {
     "velocity": (
         "Velocity",
         "Velocity of the reference point (middle of the rear axle on the ground), speed and yaw rate, positive to the "
-        "left, with ±3σ. All are differences of the two newest frames of one window, and therefore noisy.",
+        "left, with ±3σ. All are differences of the two newest frames of one window: noisy, and in turns half an "
+        "interval late against the truth at the instant.",
     ),
     "depth_error": (
         "Depth error over distance",
@@ -48,8 +49,9 @@ FIGURES = {
     "nees": (
         "Consistency",
         "Squared error of each window, weighted by the inverse of the stated covariance, per degree of freedom: one on "
-        "average if the covariance is honest, above if it is too optimistic. Large symbols are windows that share no "
-        "frame; only these are independent and enter the summary.",
+        "average if the covariance is honest, above if it is too optimistic. Velocities are compared with true "
+        "differences of the same two frames. Large symbols are windows that share no frame; only these are independent "
+        "and enter the summary.",
     ),
 }
 

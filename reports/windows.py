@@ -55,7 +55,9 @@ class WindowComparison:
     """A window's estimated and true motion over its inlier tracks (p,) at its newest frame.
 
     y_c, p_c (p, 3) estimated and true camera coordinates [m]; T_err with ``y ~ T_err @ p``; orientation (3,) rotation
-    vector of the estimated cloud against the true one [rad]; shape_m RMS distance after alignment [m].
+    vector of the estimated cloud against the true one [rad]; shape_m RMS distance after alignment [m]; true_velocity,
+    true_omega (3,): the truth by differences of the same two frames, which the covariance is about, where ``truth``
+    holds that at the instant.
     """
 
     window: WindowEstimate
@@ -67,6 +69,8 @@ class WindowComparison:
     truth: Motion
     orientation: Float[Array, "3"]
     shape_m: float
+    true_velocity: Float[Array, "3"]
+    true_omega: Float[Array, "3"]
 
     @property
     def frame(self) -> int:
@@ -94,6 +98,9 @@ def compare_window(truth: Truth, tracks: Tracks, window: WindowEstimate, T_wc: P
     y_c, p_c = y_all[good], truth.points_c(np.array([frame]), track)[0]
     T_err = Pose(*align(p_c, y_c))
     residual = y_c - T_err.apply(p_c)
+    true_velocity, true_omega = _differences(
+        truth.T_cv[window.frames[-2:]], truth.reference_v, _interval(truth, window)
+    )
     return WindowComparison(
         window=window,
         track=track,
@@ -104,11 +111,19 @@ def compare_window(truth: Truth, tracks: Tracks, window: WindowEstimate, T_wc: P
         truth=_true_motion(truth, window, p_c.mean(axis=0), over_ground=T_wc is not None),
         orientation=log_so3(T_err.R),
         shape_m=float(np.sqrt(np.mean(np.sum(residual**2, axis=1)))),
+        true_velocity=true_velocity,
+        true_omega=true_omega,
     )
 
 
 def _interval(truth: Truth, window: WindowEstimate) -> float:
     return float(truth.t_s[window.frames[-1]] - truth.t_s[window.frames[-2]])
+
+
+def _differences(T_cv: Pose, reference_v: Array, dt: float) -> tuple[Array, Array]:
+    """Velocity of the reference point and angular rate between two poses, in camera axes."""
+    reference = T_cv.apply(reference_v)
+    return (reference[1] - reference[0]) / dt, log_so3(T_cv.R[1] @ T_cv.R[0].T) / dt
 
 
 def _unit(x: Array) -> Array:
@@ -125,8 +140,7 @@ def _estimated_motion(
     T_co = window.T_co[-2:]
     T_cv = T_co @ (T_co[1].inv() @ T_cv_new)
     reference = T_cv.apply(truth.reference_v)
-    velocity = (reference[1] - reference[0]) / dt
-    omega = log_so3(T_cv.R[1] @ T_cv.R[0].T) / dt
+    velocity, omega = _differences(T_cv, truth.reference_v, dt)
     course, up, ego_omega = velocity, np.array([0, -1.0, 0]), np.zeros(3)
     yaw_rate = omega @ up
     if T_wc is not None:
