@@ -174,16 +174,16 @@ def test_sigma_of_speed_and_yaw_rate_by_sampling(build_world, over_ground):
     base = compare_window(w.truth, w.tracks, window, w.estimate.T_wc)
     assert base is not None
     rng = np.random.default_rng(1)
-    samples = rng.multivariate_normal(np.zeros(12), window.cov, 1000)
+    samples = rng.multivariate_normal(np.zeros(12), window.cov, 500)
     moved = [compare_window(w.truth, w.tracks, _disturbed(window, x), w.estimate.T_wc) for x in samples]
     expected = standard_deviations(window.cov, base.estimate)
     for quantity in ("speed", "yaw_rate"):
         values = [getattr(c.estimate, quantity) for c in moved if c is not None]
-        assert np.std(values) == pytest.approx(expected[quantity][0], rel=0.09)  # 4 / sqrt(2 * 1000)
+        assert np.std(values) == pytest.approx(expected[quantity][0], rel=0.13)  # 4 / sqrt(2 * 500)
     for quantity in ("position", "reference", "velocity", "omega"):
         name = {"reference": "reference_point", "omega": "angular_rate"}.get(quantity, quantity)
         values = np.array([getattr(c.estimate, quantity) for c in moved if c is not None])
-        np.testing.assert_allclose(values.std(axis=0), expected[name], rtol=0.1)
+        np.testing.assert_allclose(values.std(axis=0), expected[name], rtol=0.14)
 
 
 def _disturbed(window, x):

@@ -113,11 +113,11 @@ def test_interval_covers_the_mean_of_correlated_errors(block, low, high):
     """Moving averages over 10 values: blocks of that length cover about nine times in ten, single values far less."""
     rng = np.random.default_rng(4)
     covered = 0
-    for _ in range(200):
+    for _ in range(100):
         series = np.convolve(rng.normal(size=209), np.ones(10) / 10, "valid")[:, None]
         a, b = interval(lambda v: v[..., 0].mean(axis=-1), series, block, rng)
         covered += a < 0 < b
-    assert low < covered / 200 < high
+    assert low < covered / 100 < high
 
 
 def test_no_interval_from_too_little_data():
