@@ -24,6 +24,7 @@ from sim.scenario import (
     StereoOutlier,
     TemporalOutlier,
 )
+from sim.visibility import facing
 from sim.world import World
 
 Array = np.ndarray
@@ -77,7 +78,7 @@ def _changed(draft: Draft, rows: Array, uv: Array, kind: int) -> Draft:
 
 def add_noise(draft: Draft, o: NoiseOutlier, tracks: Array, kind: int, _: Setting, rng: np.random.Generator) -> Draft:
     """Coarse noise of at least min_px in each of the four coordinates of some frames (3.4.4)."""
-    rows = np.concatenate([_some_rows(draft, t, o.frames, rng) for t in tracks] or [np.empty(0, int)])
+    rows = np.concatenate([_some_rows(draft, t, o.frames, rng) for t in tracks.tolist()] or [np.empty(0, int)])
     size = (len(rows), 4)
     magnitude = truncnorm.ppf(rng.uniform(size=size), o.min_px / o.sigma_px, np.inf) * o.sigma_px
     return _changed(draft, rows, draft.uv_true[rows] + magnitude * rng.choice([-1.0, 1.0], size), kind)
@@ -88,7 +89,7 @@ def wrong_stereo(
 ) -> Draft:
     """In some frames the right coordinates are those of another surface point near the same image row."""
     uv = draft.uv.copy()
-    rows = np.concatenate([_some_rows(draft, t, o.frames, rng) for t in tracks] or [np.empty(0, int)])
+    rows = np.concatenate([_some_rows(draft, t, o.frames, rng) for t in tracks.tolist()] or [np.empty(0, int)])
     for r in rows:
         k, noise = draft.frame[r], draft.uv[r] - draft.uv_true[r]
         others = setting.pool_uv[k][setting.pool_seen[k]]
@@ -192,22 +193,30 @@ def reflection(
     for t in tracks:
         rows = np.flatnonzero(draft.track == t)
         frames = draft.frame[rows]
-        light_v = _light_for(draft, rows[0], setting, centre, axes)
+        light_v = _light_for(draft, int(rows[0]), setting, centre, axes)
         light_w = T_wv.R[frames[0]] @ light_v
         for side, T_wc in enumerate(camera_poses(world)):
             eye_v = np.einsum("mba,mb->ma", T_wv.R[frames], T_wc.t[frames] - T_wv.t[frames]) - centre
-            towards = eye_v / np.linalg.norm(eye_v, axis=1)[:, None]
-            half = towards + np.einsum("mba,b->ma", T_wv.R[frames], light_w)
-            normal = half / np.linalg.norm(half, axis=1)[:, None]
-            p = axes**2 * normal / np.linalg.norm(axes * normal, axis=1)[:, None]
+            p, normal = _mirror_point(eye_v, np.einsum("mba,b->ma", T_wv.R[frames], light_w), axes)
             p_c = (T_wc[frames].inv() @ T_wv[frames]).apply(centre + p)
             camera = world.rig.left if side == 0 else world.rig.right
             columns = slice(2 * side, 2 * side + 2)
             pixels = camera.project(p_c)
             uv[rows, columns] = pixels + (draft.uv - draft.uv_true)[rows, columns]
-            keep[rows] &= camera.contains(pixels, 1.0) & (np.sum(normal * (eye_v - p), axis=1) > 0)
+            keep[rows] &= camera.contains(pixels, 1.0) & facing(p - eye_v, normal)
         changed += rows.tolist()
     return replace(_changed(draft, np.array(changed, int), uv[changed], kind), keep=keep)
+
+
+def _mirror_point(eye: Array, light: Array, axes: Array) -> tuple[Array, Array]:
+    """Points (m, 3) of the ellipsoid, and their normals, that mirror a distant light (m, 3) into the eye (m, 3)."""
+    p = np.zeros_like(eye)
+    for _ in range(50):  # half steps: whole ones overshoot where the light grazes the body
+        towards = (eye - p) / np.linalg.norm(eye - p, axis=1)[:, None]
+        normal = towards + light
+        normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+        p = (p + axes**2 * normal / np.linalg.norm(axes * normal, axis=1)[:, None]) / 2
+    return p, normal
 
 
 def _light_for(draft: Draft, row: int, setting: Setting, centre: Array, axes: Array) -> Array:

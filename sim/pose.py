@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import SupportsIndex
 
 import numpy as np
 from jaxtyping import Float
@@ -104,7 +105,7 @@ class Pose:
     def __matmul__(self, other: Pose) -> Pose:
         return Pose(self.R @ other.R, (self.R @ other.t[..., None])[..., 0] + self.t)
 
-    def __getitem__(self, index: int | slice | Array) -> Pose:
+    def __getitem__(self, index: SupportsIndex | slice | Array) -> Pose:
         """Pose(s) at an index of the first batch axis."""
         if self.t.ndim == 1:
             raise IndexError("a single Pose has no batch axis to index")
