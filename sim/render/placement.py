@@ -70,6 +70,7 @@ def inventory(items: Sequence[Item]) -> Inventory:
         radii.append(np.linalg.norm(finest - centers[-1], axis=-1).max())
         for level, whole in ((level, s) for level, surfaces_of in enumerate(item.model.levels) for s in surfaces_of):
             if id(whole) not in parts:
+                _check(whole, item.model.name)
                 pieces = chunks(whole)
                 parts[id(whole)] = list(range(len(surfaces), len(surfaces) + len(pieces)))
                 surfaces += pieces
@@ -92,6 +93,19 @@ def inventory(items: Sequence[Item]) -> Inventory:
         radius=np.array(radii),
         switch_m=switch,
     )
+
+
+def _check(surface: Surface, name: str) -> None:
+    """Refuses what graphics hardware would draw as black blotches or not at all without a word."""
+    if not np.isfinite(surface.vertices).all():
+        raise ValueError(f"Model {name}: vertices are not finite")
+    if surface.faces.min() < 0 or surface.faces.max() >= len(surface.vertices):
+        raise ValueError(f"Model {name}: faces name vertices outside 0..{len(surface.vertices) - 1}")
+    length = np.linalg.norm(surface.normals, axis=-1)
+    if not np.allclose(length, 1.0, atol=1e-3):
+        raise ValueError(f"Model {name}: normals are not unit vectors, lengths {length.min():.3g}..{length.max():.3g}")
+    if surface.texture is not None and surface.uv is None:
+        raise ValueError(f"Model {name}: a texture needs uv")
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -45,6 +47,21 @@ def homogeneous(corners: Array) -> Array:
 def seen_rows(inv: Inventory, placement: Placement, T_wc: Pose = LEVEL) -> Array:
     eye = Eye.at(CAMERA, T_wc, placement.anchor, placement.corners)
     return np.asarray(inv.item[placement.rows[~outside(homogeneous(placement.corners) @ eye.clip_from_anchor.T)]])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"normals": np.zeros((42, 3))}, "normals"),
+        ({"vertices": np.full((42, 3), np.nan)}, "finite"),
+        ({"faces": np.array([[0, 1, 42]])}, "faces"),
+        ({"texture": np.zeros((4, 4, 3), np.uint8)}, "uv"),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_broken_surfaces_are_refused(change: dict[str, Array], message: str) -> None:
+    with pytest.raises(ValueError, match=f"Model test: .*{message}"):
+        inventory([Item(as_model(((replace(ball(1.0, 1), **change),),)), 1)])  # type: ignore[arg-type]  # by name
 
 
 def test_level_of_detail_follows_the_distance() -> None:
