@@ -120,7 +120,7 @@ def grass(rng: np.random.Generator, size: int = 1024) -> UInt8[Array, "h w 3"]:
 def asphalt(shape: tuple[int, int], rng: np.random.Generator) -> Float[Array, "h w 3"]:
     """Bare asphalt, sRGB in 0..1: grain (beta 0.35), gravel (0.8), wear (2.2), single bright and dark stones; seamless."""
     grain, stones, wear = noise(shape, 0.35, rng), noise(shape, 0.8, rng), noise(shape, 2.2, rng, stretch=0.5)
-    light = 0.40 + 0.06 * grain + 0.045 * stones + 0.012 * wear
+    light = 0.40 + 0.095 * grain + 0.05 * stones + 0.010 * wear
     light += 0.05 * np.clip(np.abs(grain) - 2.2, 0, 2) * np.sign(grain)
     return np.asarray(light[..., None] * np.array([1.0, 0.99, 0.97]), np.float32)
 

@@ -26,7 +26,7 @@ PAINTS: dict[str, Color] = {
 }
 _RUBBER: Color = (0.07, 0.07, 0.075)
 _GLASS: Color = (0.12, 0.135, 0.14)
-_SEEN_THROUGH: Color = (0.30, 0.33, 0.35)
+_SEEN_THROUGH: Color = (0.33, 0.36, 0.38)
 _PLASTIC: Color = (0.14, 0.14, 0.15)
 _CHROME: Color = (0.78, 0.79, 0.80)
 
@@ -196,7 +196,7 @@ def _glass_side(p: Painter) -> None:
         seat = a + 0.62 * (e - a) if e - a > 0.5 else center[0]
         b.poly([(seat - 0.13, low), (seat + 0.14, low), (seat + 0.06, low + 0.22), (seat + 0.04, low + 0.33),
                 (seat - 0.12, low + 0.33), (seat - 0.14, low + 0.2)], (0.06, 0.06, 0.065))  # fmt: skip
-    strip = _CHROME if p.rng.random() < 0.4 else _RUBBER
+    strip = _CHROME if p.rng.random() < 0.4 else (0.34, 0.34, 0.35)
     if s.doors and s.panes:
         x = np.array([s.panes[0][0], s.panes[-1][1]])
         b.line(np.stack([x, np.interp(x, [0, s.size_m[0]], s.belt_m) - 0.015], -1), 0.018, strip)

@@ -39,11 +39,11 @@ def paint_wheel(board: Board, radius: float, rng: np.random.Generator, heavy: bo
     board.disc((0, 0), radius * 1.12, (0.13, 0.13, 0.135))
     for ring in (0.90, 0.80, 0.74):
         board.disc((0, 0), radius * ring, (0.15, 0.15, 0.155) if ring != 0.80 else (0.11, 0.11, 0.115))
-    silver = rng.uniform(0.5, 0.72)
+    silver = rng.uniform(0.40, 0.60)
     metal = (silver, silver, silver * 1.02)
     dark = (0.09, 0.09, 0.10)
     board.disc((0, 0), radius * 0.69, metal)
-    spokes = 10 if heavy else int(rng.choice([5, 6, 7, 8, 10]))
+    spokes = 10 if heavy else int(rng.choice([5, 5, 6, 7]))
     gap = rng.uniform(0.45, 0.65)
     for k in range(spokes):
         a = 2 * np.pi * (k + 0.25) / spokes
