@@ -56,7 +56,7 @@ class Lens:
 def _ideal_pixels(camera: Camera, supersample: int) -> Float[Array, "hs ws 2"]:
     """Where the subpixels of a distorted camera would lie without its distortion.
 
-    Inverted exactly on a grid of 16 px and interpolated by cubic splines, to 1e-4 px for the lenses of ordinary cameras.
+    Inverted exactly on a grid of 16 px and interpolated by cubic splines, to 1e-4 px for ordinary lenses.
     """
     u, v = ((np.arange(n * supersample) + 0.5) / supersample - 0.5 for n in camera.size_px)
     knots_u, knots_v = (np.linspace(-0.5, n - 0.5, max(n // 16, 4)) for n in camera.size_px)
