@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
+from estimators.stereo.object_motion import align
 from sim.pose import exp_so3, log_so3
 
 Array = np.ndarray
@@ -48,6 +49,23 @@ def _axes_3d(d: Array, before: Array) -> Array:
 
 
 _AXES = {"unrotated": lambda _, before: before, "principal_axes_xz": _axes_xz, "principal_axes": _axes_3d}
+
+
+def from_alignment(
+    frame: Int[Array, "k"], point: Int[Array, "k"], l: Float[Array, "k 3"], m: int
+) -> tuple[Float[Array, "m 3 3"], Float[Array, "m 3"]]:
+    """Poses by laying every frame's cloud on the one before, over the points both have (ours, where much is turned)."""
+    R, T = np.empty((m, 3, 3)), np.empty((m, 3))
+    R[0], T[0] = np.eye(3), l[frame == 0].mean(axis=0)
+    for t in range(1, m):
+        before, now = np.flatnonzero(frame == t - 1), np.flatnonzero(frame == t)
+        _, i, j = np.intersect1d(point[before], point[now], return_indices=True)
+        if len(i) < 3:
+            R[t], T[t] = R[t - 1], l[now].mean(axis=0)
+            continue
+        Q, shift = align(l[before[i]], l[now[j]])
+        R[t], T[t] = Q @ R[t - 1], Q @ T[t - 1] + shift
+    return R, T
 
 
 def extrapolate(

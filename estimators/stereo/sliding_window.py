@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -33,8 +33,9 @@ from sim.pose import Pose
 
 Array = np.ndarray
 Poses = tuple[Array, Array]
-# A well-determined window started from its predecessor takes fewer iterations.
-_EASY = 6
+# A well-determined window started from its predecessor takes no more iterations; standard deviations a cost may exceed
+# its expectation by before other starts are tried.
+_EASY, _SURPRISE = 6, 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +55,7 @@ class SlidingWindowAdjustment:
 
     window: number of frames m; start_window: m0, the first adjustment waits for so many; min_overlap: frames a track
     shares with the window at least (3.3); weights "observed", "averaged" or "estimated" with second_order correction
-    (4.1.2-4.1.3); initial: axes of the start values (3.7.1.1), "best" tries two and keeps the lower cost;
+    (4.1.2-4.1.3); initial: axes of the start values (3.7.1.1), "best" tries three and keeps the lower cost;
     propagate: start from the last window where there is one (3.7.1.2), which also keeps the object frame; stop,
     tolerance, max_iterations (2.1.5).
     """
@@ -134,21 +135,19 @@ class SlidingWindowAdjustment:
             return EstimationFailed(str(error), ("too few or collinear tracks", "outliers among the tracks"))
 
     def _best(self, problem: Problem, propagated: Poses | None) -> tuple[Poses, Solution]:
-        """Start and solution from the last window; where that fails or is hard, the cheapest of it and the cloud's.
-
-        Far objects have valleys and local minima in their cost; many iterations tell of them.
+        """Start and solution from the last window; where that fails or is doubtful, the cheapest of it and the
+        cloud's.
         """
         found: list[tuple[Poses, Solution]] = []
         error = SingularSystem("no start value")
         if propagated is not None:
             try:
                 found.append((propagated, self._adjust(problem, propagated)))
-                if found[0][1].iterations <= _EASY:
+                if _is_trusted(problem, found[0][1]):
                     return found[0]
             except SingularSystem as e:
                 error = e
-        for axes in ("unrotated", "principal_axes_xz") if self.initial == "best" else (self.initial,):
-            start = initial_values.from_cloud(problem.frame, problem.l, problem.m, axes)
+        for start in self._cloud_starts(problem):
             try:
                 found.append((start, self._adjust(problem, start)))
             except SingularSystem as e:
@@ -157,8 +156,20 @@ class SlidingWindowAdjustment:
             raise error
         return min(found, key=lambda pair: pair[1].cost)
 
+    def _cloud_starts(self, problem: Problem) -> Iterator[Poses]:
+        for axes in ("unrotated", "principal_axes_xz") if self.initial == "best" else (self.initial,):
+            yield initial_values.from_cloud(problem.frame, problem.l, problem.m, axes)
+        if self.initial == "best":
+            yield initial_values.from_alignment(problem.frame, problem.point, problem.l, problem.m)
+
     def _adjust(self, problem: Problem, start: Poses) -> Solution:
         return adjust(problem, *start, self.stop, self.tolerance, self.max_iterations)
+
+
+def _is_trusted(problem: Problem, s: Solution) -> bool:
+    """Whether a propagated solution is no local minimum, of which far objects have many: quickly found, or cheap."""
+    r = max(redundancy(problem), 1)
+    return s.iterations <= _EASY or s.cost <= r + _SURPRISE * np.sqrt(2 * r)
 
 
 def _finished(
