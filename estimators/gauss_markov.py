@@ -45,9 +45,10 @@ def inverse_spd(N: Float[np.ndarray, "n 3 3"], what: str) -> Float[np.ndarray, "
     Raises
         SingularSystem: a block is not positive definite; ``what`` names it.
     """
-    d = np.sqrt(np.einsum("nii->ni", N))
-    if not np.all(d > 0):
+    diagonal = np.einsum("nii->ni", N)
+    if not np.all(diagonal > 0):
         raise SingularSystem(what)
+    d = np.sqrt(diagonal)
     scaled = N / (d[:, :, None] * d[:, None, :])
     try:
         np.linalg.cholesky(scaled)

@@ -100,8 +100,8 @@ def test_who_sees_too_near_and_who_too_far(depth_error: Callable[..., tuple[floa
     averaged, s_a = depth_error(pairs, weights="averaged", second_order=False)
     estimated, s_e = depth_error(pairs, weights="estimated", second_order=False)
     corrected, s_c = depth_error(pairs, weights="estimated", second_order=True)
-    # Weights from noisy points pull about four times as much towards the camera as triangulation pushes away; 4 standard
-    # errors of about 0.01 m on both sides.
+    # Weights from noisy points pull about four times as much towards the camera as triangulation pushes away; on
+    # both sides 4 standard errors of about 0.01 m.
     assert -6 * 0.086 < observed < -2.5 * 0.086
     assert observed + 4 * s_o < averaged < 0
     assert estimated == pytest.approx(0.086, abs=4 * s_e + 0.01)
