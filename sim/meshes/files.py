@@ -162,7 +162,7 @@ def _face_colors(mesh: trimesh.Trimesh, count: int) -> Array:
 
 
 def _target_size(path: Path, extent: Array, length_m: float | None, size_m: Sequence[float] | None) -> Array:
-    wanted = np.asarray(size_m if size_m is not None else [length_m or 1.0] * 3, float)
+    wanted = np.asarray(size_m if size_m is not None else [1.0 if length_m is None else length_m] * 3, float)
     if wanted.shape != (3,) or not np.all(np.isfinite(wanted) & (wanted > 0)):
         raise MeshError(f"{path}: size to scale to must be positive, got {wanted.tolist()}")
     if size_m is not None:

@@ -47,7 +47,7 @@ class Layout:
 
     def near_crossing(self, y: float, margin_m: float) -> bool:
         """Whether y lies within the crossing road and a margin on both sides."""
-        return self.crossing_m is not None and abs(y - self.crossing_m) < self.crossing_half_m + margin_m
+        return self.crossing_m is not None and bool(abs(y - self.crossing_m) < self.crossing_half_m + margin_m)
 
 
 def ground_surfaces(layout: Layout, rng: np.random.Generator) -> dict[str, Surface]:

@@ -112,7 +112,7 @@ def _trees(layout: Layout, length_m: float, plots: list[_Plot], rng: np.random.G
             at = y + rng.uniform(-3, 3)
             x = edge + side * (0.55 * VERGE_M + rng.uniform(-0.2, 0.2))
             if rng.random() < 0.75 and not layout.near_crossing(at, 9.0):
-                parts.append(tree((x, at, KERB_M), rng.uniform(6.5, 9), 1.0 if at < 70 else 0.5, rng))
+                parts.append(tree((x, at, KERB_M), rng.uniform(8.5, 10), 1.0 if at < 50 else 0.45, rng, stem=0.5))
         for _ in range(30 if plots else 12):
             x, at = edge + side * rng.uniform(clear + 1, 75 if plots else clear + 3), rng.uniform(-5, length_m + 50)
             if layout.near_crossing(at, clear) or not _free(plots, x, at, 3.0):
@@ -145,7 +145,7 @@ def _woods(layout: Layout, rng: np.random.Generator) -> list[Part]:
             spans = [(np.array([x, layout.begin_m]), corners[0]), (corners[1], np.array([x, layout.end_m]))]
         parts += [_wood(a, b, np.array([-sx, 0.0]), rng) for a, b in spans]
         for corner, sy in zip(corners, (1.0, -1.0), strict=False):
-            parts.append(_wood(corner, corner + [sx * 120.0, 0.0], np.array([0.0, sy]), rng))
+            parts.append(_wood(corner, corner + np.array([sx * 120.0, 0.0]), np.array([0.0, sy]), rng))
     return parts
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from jaxtyping import Float
 
 from sim.meshes.solid import Part, closed_tube, face_normals, merged
@@ -76,16 +75,19 @@ def _foliage(center: Array, radius: Array, detail: float, leaf: float, tint: Arr
     return merged([lump, _clusters(center, radius, int(20 + 70 * detail), leaf, tint, rng)])
 
 
-def tree(position: tuple[float, float, float], height: float, detail: float, rng: np.random.Generator) -> Part:
-    """A broad-leaved tree; ``detail`` 1 is about 1300 triangles, 0.3 about 350."""
+def tree(
+    position: tuple[float, float, float], height: float, detail: float, rng: np.random.Generator, stem: float = 0.3
+) -> Part:
+    """A broad-leaved tree; ``detail`` 1 is about 1300 triangles, 0.3 about 350; ``stem`` is the branchless share."""
     p = np.asarray(position, float)
     lean = np.array([*rng.normal(0, 0.03, 2), 1.0])
-    stem = rng.uniform(0.26, 0.36) * height
-    middle = p + lean * (stem + 0.33 * height)
-    crown = np.array([0.27, 0.27, 0.34]) * height * rng.uniform(0.9, 1.15, 3)
+    high = 0.5 * (1 - stem) * height
+    stem = stem * height * rng.uniform(0.95, 1.1)
+    middle = p + lean * (stem + high)
+    crown = np.array([0.8, 0.8, 1.0]) * high * rng.uniform(0.9, 1.1, 3)
     tint = np.array([rng.uniform(0.85, 1.15), 1.0, 0.9]) * rng.uniform(0.75, 1.0)
     radius, leaf = 0.022 * height, 0.035 * height / max(detail, 0.3) ** 0.4
-    parts = [_limb(p - _UP * 0.1, p + lean * (stem + 0.2 * height), radius, 0.5 * radius)]
+    parts = [_limb(p - _UP * 0.1, p + lean * (stem + 0.6 * high), radius, 0.5 * radius)]
     blobs = 6 if detail > 0.4 else 3
     for k in range(blobs):
         a = 2 * np.pi * k / blobs + rng.uniform(0, 0.6)
@@ -127,7 +129,7 @@ def bush(position: tuple[float, float, float], size: float, detail: float, rng: 
 def wood_edge(
     line: Float[Array, "n 2"], toward: Float[Array, "n 2"], ground_m: float, rng: np.random.Generator
 ) -> Part:
-    """The edge of a wood or a high hedge along a line (about 2.5 m steps), seen from the side it is turned ``toward``."""
+    """The edge of a wood or a high hedge along a line in steps of 2.5 m, seen from the side it is turned ``toward``."""
     n, rows = len(line), 7
     t = np.arange(n) * 2.5
     waves = sum(rng.uniform(0.3, 1) * np.sin(2 * np.pi * t / w + rng.uniform(0, 6.3)) for w in (97.0, 41.0, 19.0, 11.0))
