@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tomllib
@@ -20,6 +21,10 @@ from rich.console import Console
 from rich.table import Table
 
 from sim.scenario import ScenarioError, nearest
+
+# Bit-identical results need one order of summation, and two threads of BLAS only fight over small matrices.
+for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
 
 _COMMANDS = ("list", "run", "schema", "test")
 
@@ -97,7 +102,7 @@ def _run(parsed: argparse.Namespace) -> int:
     name = spec.find(parsed.scenario).stem
     out = parsed.out or Path("runs") / f"{name}-{scenario.seed}"
     progress = Reporter(console)
-    outcome = engine.run(scenario, out, progress, parsed.stage, parsed.estimator, parsed.overwrite)
+    outcome = engine.run(name, scenario, out, progress, parsed.stage, parsed.estimator, parsed.overwrite)
     for label, reason in outcome.failed.items():
         progress.say(f"estimator {label!r} gave nothing: {reason}")
     if parsed.stage == "report":

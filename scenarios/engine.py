@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from estimators.estimate import EstimationFailed
 from reports.html import write_report
-
-from estimators.estimate import EstimationFailed, TrajectoryEstimate
 from scenarios.store import Store, code_digest, config_hash, digest
 from sim.observations import Observations
 from sim.scenario import Scenario, ScenarioError, nearest
 from sim.simulate import simulate
-from sim.truth import Truth
 from sim.world import World, build_world
 
 STAGES = ("simulate", "track", "estimate", "report")
@@ -42,6 +41,7 @@ class Outcome:
 
 
 def run(
+    name: str,
     spec: Any,
     out: Path,
     progress: Progress,
@@ -69,9 +69,8 @@ def run(
             if reason is not None:
                 failed[estimator.title] = reason
     if until == "report":
-        with progress.stage("report", 1) as advance:
-            write_report(store.folder)
-            advance()
+        with progress.stage("report", 1):
+            write_report(store.folder, name)
     return Outcome(out, failed, len(failed) < len(chosen))
 
 
@@ -85,10 +84,10 @@ def _simulate(store: Store, spec: Scenario, key: str, progress: Progress) -> Non
         progress.say("simulate  from cache")
         store.prepare()
         return
-    with progress.stage("simulate", 1) as advance:
+    started = time.perf_counter()
+    with progress.stage("simulate", 1):
         world = build_world(spec)
         observations, truth = simulate(spec, world=world)
-        advance()
     if spec.render.enabled:
         from scenarios.footage import SIDES, image_name  # needs OpenGL, which a run without pictures does not
 
@@ -100,7 +99,7 @@ def _simulate(store: Store, spec: Scenario, key: str, progress: Progress) -> Non
         observations.save(scratch / "observations")
         truth.save(scratch / "truth")
 
-    store.run("simulate", key, ("observations/observations.npz", "truth/truth.npz"), write)
+    store.run("simulate", key, ("observations/observations.npz", "truth/truth.npz"), write, started)
     if spec.render.enabled:
         _render(store, spec, world, key, progress)
 
@@ -127,7 +126,7 @@ def _estimate(store: Store, estimator: Any, key: str, progress: Progress) -> str
     label = estimator.title
     folder = f"estimates/{label}"
     key = digest(key, estimator.model_dump(mode="json"), code_digest("estimate"))
-    with progress.stage(f"estimate {label}", 1) as advance:
+    with progress.stage(f"estimate {label}", 1):
 
         def work(scratch: Path) -> None:
             observations = Observations.load(store.folder / "observations")
@@ -140,20 +139,5 @@ def _estimate(store: Store, estimator: Any, key: str, progress: Progress) -> str
                 result.save(target)
 
         store.run(f"estimate {label}", key, (folder,), work)
-        advance()
     failure = store.folder / folder / "failure.json"
     return str(json.loads(failure.read_text())["reason"]) if failure.is_file() else None
-
-
-def load_estimate(folder: Path) -> TrajectoryEstimate | EstimationFailed:
-    """What an estimator left in its folder."""
-    failure = folder / "failure.json"
-    if failure.is_file():
-        stored = json.loads(failure.read_text(encoding="utf-8"))
-        return EstimationFailed(stored["reason"], tuple(stored["hints"]))
-    return TrajectoryEstimate.load(folder)
-
-
-def load_products(folder: Path) -> tuple[Observations, Truth]:
-    """Observations and truth of a run folder."""
-    return Observations.load(folder / "observations"), Truth.load(folder / "truth")

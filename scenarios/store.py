@@ -136,16 +136,23 @@ class Store:
     def is_done(self, stage: str, key: str) -> bool:
         return bool(self.provenance["stages"].get(stage, {}).get("key") == key)
 
-    def run(self, stage: str, key: str, outputs: tuple[str, ...], work: Callable[[Path], None]) -> bool:
+    def run(
+        self,
+        stage: str,
+        key: str,
+        outputs: tuple[str, ...],
+        work: Callable[[Path], None],
+        started: float | None = None,
+    ) -> bool:
         """Runs ``work(temporary_folder)`` unless the stage is cached, and moves its outputs into place.
 
-        Returns whether it ran. Where work raises, nothing of it stays.
+        Returns whether it ran. Where work raises, nothing of it stays. ``started`` (perf_counter) counts earlier work.
         """
         if self.is_done(stage, key) and all((self.folder / o).exists() for o in outputs):
             return False
         self.provenance["stages"].pop(stage, None)
         self._write()
-        started = time.perf_counter()
+        started = time.perf_counter() if started is None else started
         with self._scratch() as scratch:
             work(scratch)
             for output in outputs:
