@@ -24,7 +24,7 @@ class Dense:
 
     def __init__(self) -> None:
         rng = np.random.default_rng(0)
-        self.frame, self.point = np.nonzero(np.arange(M * N).reshape(M, N) % 7 != 3)  # 57 rows
+        self.frame, self.point = np.nonzero(np.arange(M * N).reshape(M, N) % 7 != 3)  # 63 equations, 42 unknowns
         k = len(self.frame)
         self.A, self.B, self.dl = rng.normal(size=(k, 3, 6)), rng.normal(size=(k, 3, 3)), rng.normal(size=(k, 3))
         half = rng.normal(size=(k, 3, 3))
