@@ -16,9 +16,9 @@ from sim.textures import Board, Color, noise, to_texture
 Array = np.ndarray
 
 PAINTS: dict[str, Color] = {
-    "white": (0.87, 0.87, 0.86),
-    "silver": (0.66, 0.67, 0.68),
-    "grey": (0.37, 0.38, 0.40),
+    "white": (0.80, 0.80, 0.79),
+    "silver": (0.50, 0.51, 0.52),
+    "grey": (0.30, 0.31, 0.33),
     "black": (0.085, 0.085, 0.095),
     "red": (0.56, 0.07, 0.07),
     "blue": (0.10, 0.18, 0.40),
@@ -347,6 +347,6 @@ def _dirt(p: Painter) -> None:
     for ground in (p.atlas.origins()["side"][1], p.atlas.origins()["front"][1]):
         z = np.where((ground - height > -0.03) & (ground - height < H), ground - height, np.inf)
         dust += (0.55 * np.exp(-np.maximum(z, 0) / 0.28)).astype(np.float32)[:, None]
-    dust = np.clip((dust + 0.03) * (1 + 0.45 * coarse + 0.25 * fine), 0, 0.8)
+    dust = np.clip((dust + 0.04) * (1 + 0.45 * coarse + 0.25 * fine), 0, 0.8)
     specks = np.clip(fine - 2.0, 0, 1) * (0.08 + 0.5 * dust)
     image += (np.array([0.46, 0.43, 0.38], np.float32) - image) * np.clip(dust + specks, 0, 0.9)[..., None]

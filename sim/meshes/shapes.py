@@ -173,7 +173,7 @@ _LORRY = Shape(
     belt_m=(1.60, 1.52),
     windscreen=None, rear_window=None,
     rear_glass_m=None, front_glass_m=(1.62, 2.52),
-    headlight_m=(0.62, 0.80), tail_light_m=(0.72, 0.86, 0.40), plate_m=(0.50, 0.70), grille_m=(0.90, 1.40),
+    headlight_m=(0.62, 0.80), tail_light_m=(0.72, 0.88, 0.40), plate_m=(0.50, 0.74), grille_m=(0.90, 1.40),
 )  # fmt: skip
 
 _BUS = Shape(

@@ -182,7 +182,7 @@ def _fittings(shape: Shape) -> list[_Solid]:
 
 
 def _frame(shape: Shape) -> list[_Solid]:
-    """A lorry's ladder frame, tank, side guards and rear bar."""
+    """A lorry's ladder frame, tanks, lamp carrier and rear bar."""
     L, W, H = shape.size_m
     cab = shape.hulls[0].top[0][0]
     bars = [
@@ -192,4 +192,5 @@ def _frame(shape: Shape) -> list[_Solid]:
         ((0.004 * L, -0.46 * W, 0.14 * H), (0.02 * L, 0.46 * W, 0.19 * H)),
         ((0.006 * L, -0.14 * W, 0.185 * H), (0.11 * L, 0.14 * W, 0.30 * H)),
     ]
-    return [_fitting(*box(a, b), dark=True) for a, b in bars]
+    lamps = _fitting(*box((0.0, -0.47 * W, 0.20 * H), (0.012 * L, 0.47 * W, 0.262 * H)), dark=False)
+    return [lamps, *(_fitting(*box(a, b), dark=True) for a, b in bars)]

@@ -162,7 +162,7 @@ def _end_of_street(layout: Layout, length_m: float, rng: np.random.Generator) ->
     for x in np.arange(-70.0, 75.0, 7.0):
         for row in range(2):
             at = (middle + x + rng.uniform(-2, 2), length_m + 68 + 9 * row + rng.uniform(-3, 3), KERB_M)
-            parts.append((conifer if rng.random() < 0.35 else tree)(at, rng.uniform(9, 17), 0.22, rng))
+            parts.append((conifer if rng.random() < 0.35 else tree)(at, rng.uniform(9, 17), 0.18, rng))
     return parts
 
 

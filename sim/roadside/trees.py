@@ -72,7 +72,7 @@ def _foliage(center: Array, radius: Array, detail: float, leaf: float, tint: Arr
     """A lump with leaf clusters standing off it, so that its outline is ragged."""
     rows, columns = (5, 9) if detail > 0.6 else (4, 7) if detail > 0.3 else (3, 5)
     lump = _lump(center, 0.9 * radius, rows, columns, tint, rng)
-    return merged([lump, _clusters(center, radius, int(20 + 70 * detail), leaf, tint, rng)])
+    return merged([lump, _clusters(center, radius, int(14 + 60 * detail), leaf, tint, rng)])
 
 
 def tree(
