@@ -33,6 +33,8 @@ from sim.pose import exp_so3, hat, left_jacobian, log_so3
 Array = np.ndarray
 Stop = Literal["decrement", "update", "relative_update"]
 _TRIES = 14
+# At rough start values Newton's curvature belongs to residuals that one linear step takes away: it misleads.
+_GAUSS_NEWTON_STEPS = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,13 +123,14 @@ def _curved(blocks: Blocks, R_k: Array, X_k: Array, g: Array) -> Blocks:
     return replace(blocks, N_pp=N_pp, N_pX=N_pX)
 
 
-def _newton_system(problem: Problem, R: Array, X: Array, residual: Array, W: Array) -> tuple[Spectrum, Array]:
-    """Spectrum and right side of the reduced Newton system at the poses and the points that are best for them."""
+def _system(problem: Problem, R: Array, X: Array, residual: Array, W: Array, newton: bool) -> tuple[Spectrum, Array]:
+    """Spectrum and right side of the reduced system, Newton's or Gauss-Newton's, at poses and their best points."""
     R_k, X_k = R[problem.frame], X[problem.point]
-    plain = normal_blocks(design(R_k, X_k), R_k, W, residual)
-    curved = _curved(plain, R_k, X_k, -(W @ residual[:, :, None])[:, :, 0])
-    reduced = reduce_points(problem.frame, problem.point, curved, problem.m, problem.n)
-    scale = np.sqrt(np.einsum("tpp->tp", sum_by(problem.frame, plain.N_pp, problem.m))).ravel()
+    blocks = normal_blocks(design(R_k, X_k), R_k, W, residual)
+    scale = np.sqrt(np.einsum("tpp->tp", sum_by(problem.frame, blocks.N_pp, problem.m))).ravel()
+    if newton:
+        blocks = _curved(blocks, R_k, X_k, -(W @ residual[:, :, None])[:, :, 0])
+    reduced = reduce_points(problem.frame, problem.point, blocks, problem.m, problem.n)
     return spectrum(reduced.S, scale, null_space(R)), reduced.rhs
 
 
@@ -171,9 +174,10 @@ def adjust(
     for iteration in range(1, max_iterations + 1):
         observed, W = problem.model(_camera_points(problem, R, T, X))
         cost, X = _cost(problem, R, T, observed, W)
-        newton, rhs = _newton_system(problem, R, X, observed - _camera_points(problem, R, T, X), W)
+        residual = observed - _camera_points(problem, R, T, X)
+        system, rhs = _system(problem, R, X, residual, W, iteration > _GAUSS_NEWTON_STEPS)
         for _ in range(_TRIES):
-            dp = newton.solve(rhs, damping).reshape(problem.m, 6)
+            dp = system.solve(rhs, damping).reshape(problem.m, 6)
             R_new, T_new = exp_so3(dp[:, :3]) @ R, T + dp[:, 3:]
             cost_new, X_new = _cost(problem, R_new, T_new, observed, W)
             if cost_new <= cost * (1 + 1e-12) + 1e-12:
@@ -183,7 +187,7 @@ def adjust(
         else:
             raise SingularSystem("no step decreases the cost")
         R, T, X, cost = R_new, T_new, X_new, cost_new
-        if damping == 0.0 and _measure(stop, problem, R, X, W, dp, float(rhs @ newton.solve(rhs))) < tolerance:
+        if damping == 0.0 and _measure(stop, problem, R, X, W, dp, float(rhs @ system.solve(rhs))) < tolerance:
             return Solution(R, T, X, W, cost, iteration)
     raise SingularSystem(f"no convergence within {max_iterations} iterations")
 
