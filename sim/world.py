@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import pathlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -14,7 +14,7 @@ from sim.kitti import LabelTrack, read_poses, read_track
 from sim.model import Model, VehicleModel
 from sim.pose import Pose, exp_so3, vehicle_rotation
 from sim.replay import Replay, plan
-from sim.roadside import build_roadside
+from sim.roadside import Path, build_roadside, follow
 from sim.scenario import Ego, Labels, Rig, Scenario, ScenarioError, Vehicle, nearest
 from sim.streams import stream
 from sim.trajectory import Trajectory
@@ -23,6 +23,8 @@ Array = np.ndarray
 
 # KITTI object types that can be replayed, and the mesh each becomes; cars are told apart by their length.
 _MESH_OF_LABEL = {"Van": "van", "Truck": "lorry", "Tram": "bus", "Bus": "bus", "Misc": "van"}
+# How far the street goes on behind the first and beyond the last place of the ego car.
+_BEHIND_M, _AHEAD_M = 40.0, 160.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +119,7 @@ def build_world(scenario: Scenario) -> World:
     ego = _ego(scenario.ego, replay, end_s)
     rig, nominal = make_rig(scenario.rig)
     moves = scenario.ego.motion is not None or scenario.ego.poses is not None
-    props = _props(scenario) if scenario.world.roadside else ()
+    props = _props(scenario, actors, ego, t_s) if scenario.world.roadside else ()
     return World(t_s, rig, nominal, ego, camera_mount(scenario.rig), moves, tuple(actors), scenario.target_index, props)
 
 
@@ -173,7 +175,7 @@ def _model(vehicle: Vehicle, scenario: Scenario, label: LabelTrack | None) -> Ve
     if not any(c in mesh for c in "./\\"):
         raise ScenarioError(f"{key}: found {mesh!r}, {nearest(mesh, [*meshes.VEHICLE_KINDS, 'point_grid', 'label'])}")
     try:
-        return meshes.load_mesh(Path(mesh), size_m=size, forward=vehicle.forward, up=vehicle.up)
+        return meshes.load_mesh(pathlib.Path(mesh), size_m=size, forward=vehicle.forward, up=vehicle.up)
     except ValueError as error:
         raise ScenarioError(f"{key}: {error}") from error
 
@@ -199,9 +201,17 @@ def _refuse_contact(actors: list[Actor], t_s: Array) -> None:
                     raise ScenarioError(f"vehicle: {a.name!r} and {b.name!r} touch at t = {t_s[k]:.2f} s (frame {k})")
 
 
-def _props(scenario: Scenario) -> tuple[Prop, ...]:
-    """The street."""
+def _props(scenario: Scenario, actors: list[Actor], ego: Trajectory, t_s: Array) -> tuple[Prop, ...]:
+    """The street, along the ego car's path; nothing of it stands where something drives."""
+    ego_xy = ego.pose(t_s).t[:, :2]
+    path = Path.through(ego_xy, _BEHIND_M, _AHEAD_M)
+    length = _AHEAD_M if path is None else float(np.linalg.norm(np.diff(ego_xy, axis=0), axis=1).sum()) + _AHEAD_M
     street = build_roadside(
-        stream(scenario.seed, 0, "world/roadside"), lanes=scenario.world.lanes, crossing_y=scenario.world.crossing_at_m
+        stream(scenario.seed, 0, "world/roadside"),
+        length_m=length,
+        behind_m=_BEHIND_M,
+        lanes=scenario.world.lanes,
+        crossing_y=scenario.world.crossing_at_m,
     )
-    return tuple(Prop(name, model, pose) for name, model, pose in street)
+    driven = np.concatenate([ego_xy, *(a.trajectory.pose(t_s).t[:, :2] for a in actors)])
+    return tuple(Prop(name, model, pose) for name, model, pose in follow(street, path, driven))
