@@ -5,7 +5,8 @@
     body       lofted bodies with wheel arches
     wheels     tyres and rims
     atlas      which side lies where on a vehicle's texture
-    paint      the texture: glass, seams, lamps, plates, dirt
+    painter    boards, paint and materials for the texture
+    paint      the texture: paint_flank, paint_ends (front, rear, top), dirt
     vehicles   `make_vehicle`: all of it scaled to a size, in three levels of detail
     files      `load_mesh` and `point_grid`
     volume     `sample_surface`, `volumes_intersect`
