@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
+import scipy.fft
 from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
@@ -34,16 +35,17 @@ def noise(shape: tuple[int, int], beta: float, rng: np.random.Generator, stretch
 
     ``stretch`` > 1 draws the pattern out along the columns (down the image).
     """
-    fy = np.fft.fftfreq(shape[0])[:, None] * stretch
-    f = np.hypot(fy, np.fft.rfftfreq(shape[1])[None, :])
-    f[0, 0] = np.inf
-    field = np.fft.irfft2(np.fft.rfft2(rng.standard_normal(shape)) * f ** (-beta / 2), s=shape)
+    fy = np.float32(stretch) * np.fft.fftfreq(shape[0]).astype(np.float32)[:, None]
+    f2 = fy**2 + np.fft.rfftfreq(shape[1]).astype(np.float32) ** 2
+    f2[0, 0] = np.inf
+    white = rng.standard_normal(shape, np.float32)
+    field = scipy.fft.irfft2(scipy.fft.rfft2(white) * f2 ** np.float32(-beta / 4), s=shape)
     return np.asarray(field / field.std(), np.float32)
 
 
 def to_texture(srgb: Float[Array, "h w 3"]) -> UInt8[Array, "h w 3"]:
     """8-bit texture of sRGB code values in 0..1."""
-    return np.asarray(np.clip(srgb * 255 + 0.5, 0, 255), np.uint8)
+    return np.asarray(cv2.convertScaleAbs(np.maximum(srgb, 0), alpha=255.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +120,11 @@ def grass(rng: np.random.Generator, size: int = 1024) -> UInt8[Array, "h w 3"]:
 
 
 def asphalt(shape: tuple[int, int], rng: np.random.Generator) -> Float[Array, "h w 3"]:
-    """Bare asphalt, sRGB in 0..1: grain (beta 0.35), gravel (0.8), wear (2.2), single bright and dark stones; seamless."""
+    """Bare asphalt, sRGB in 0..1: grain (beta 0.35), gravel (0.8), wear (2.2), single stones; seamless."""
     grain, stones, wear = noise(shape, 0.35, rng), noise(shape, 0.8, rng), noise(shape, 2.2, rng, stretch=0.5)
-    light = 0.40 + 0.095 * grain + 0.05 * stones + 0.010 * wear
+    light = 0.40 + 0.11 * grain + 0.05 * stones + 0.010 * wear
     light += 0.05 * np.clip(np.abs(grain) - 2.2, 0, 2) * np.sign(grain)
-    return np.asarray(light[..., None] * np.array([1.0, 0.99, 0.97]), np.float32)
+    return np.asarray(light[..., None] * np.array([1.0, 0.99, 0.97], np.float32), np.float32)
 
 
 def crack(board: Board, start: tuple[float, float], end: tuple[float, float], rng: np.random.Generator) -> None:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float
 
-from estimators.stereo.triangulation import information, second_order_bias
+from estimators.stereo.triangulation import FAR_M, information, second_order_bias
 from sim.camera import StereoRig
 
 Array = np.ndarray
@@ -45,7 +45,7 @@ def observation_model(
         return lambda _: (corrected, W)
 
     def model(Y: Array) -> tuple[Array, Array]:
-        in_front = np.isfinite(Y).all(axis=1) & (Y[:, 2] > 0.1) & (rig.T_rl.apply(Y)[:, 2] > 0.1)
+        in_front = np.isfinite(Y).all(axis=1) & (Y[:, 2] > 0.1) & (rig.T_rl.apply(Y)[:, 2] > 0.1) & (Y[:, 2] < FAR_M)
         place = np.where(in_front[:, None], Y, l)
         return l - second_order_bias(rig, place, W_uv) if second_order else l, information(rig, place, W_uv)
 

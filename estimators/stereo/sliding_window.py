@@ -169,7 +169,7 @@ class SlidingWindowAdjustment:
 def _is_trusted(problem: Problem, s: Solution) -> bool:
     """Whether a propagated solution is no local minimum, of which far objects have many: quickly found, or cheap."""
     r = max(redundancy(problem), 1)
-    return s.iterations <= _EASY or s.cost <= r + _SURPRISE * np.sqrt(2 * r)
+    return bool(s.iterations <= _EASY or s.cost <= r + _SURPRISE * np.sqrt(2 * r))
 
 
 def _finished(

@@ -15,6 +15,9 @@ from sim.camera import Camera, StereoRig
 
 Array = np.ndarray
 
+# Beyond, the rays are parallel to any camera's accuracy and the normal equations singular to double precision.
+FAR_M = 1e5
+
 
 def _normal_case(rig: StereoRig, uv: Array) -> Array:
     """Closed form (4.1.7): Z = B c / d, with the mean of both rows."""
@@ -49,10 +52,11 @@ def triangulate(
     """Points in the left camera frame [m] and their covariance [m²] by linear propagation.
 
     Normal case in closed form, general relative orientation linear; then Gauss-Newton on the image residuals, so that
-    the four coordinates enter with their covariance. Rows whose rays do not meet in front of both cameras are NaN.
+    the four coordinates enter with their covariance. Rows whose rays do not meet in front of both cameras, nearer than
+    `FAR_M`, are NaN.
     """
     p = _normal_case(rig, uv) if rig.is_normal_case else _midpoint(rig, uv)
-    good = np.isfinite(p).all(axis=1)
+    good = np.isfinite(p).all(axis=1) & (p[:, 2] < FAR_M)
     points, C = np.full_like(p, np.nan), np.full((len(p), 3, 3), np.nan)
     if not good.any():
         return points, C
@@ -61,7 +65,7 @@ def triangulate(
         J = rig.project_jacobian(p)
         JW = np.swapaxes(J, 1, 2) @ W_uv
         p = p + np.linalg.solve(JW @ J, JW @ (uv - rig.project(p))[:, :, None])[:, :, 0]
-    in_front = np.isfinite(rig.project(p)).all(axis=1)
+    in_front = np.isfinite(rig.project(p)).all(axis=1) & (p[:, 2] < FAR_M)
     rows = np.flatnonzero(good)[in_front]
     points[rows] = p[in_front]
     C[rows] = np.linalg.inv(information(rig, p[in_front], W_uv[in_front]))

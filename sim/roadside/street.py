@@ -46,9 +46,10 @@ def build_roadside(
     plots = _plots(layout, length_m, streams["houses"]) if houses else []
     if plots:
         out.append(("houses", _model("houses", [_houses(plots, streams["houses"])])))
-    out.append(("trees", _model("trees", [_trees(layout, length_m, plots, streams["trees"])])))
+    foliage = leaves(streams["hills"])
+    out.append(("trees", _model("trees", [_trees(layout, length_m, plots, foliage, streams["trees"])])))
     out.append(("furniture", _model("furniture", [_furniture(layout, length_m, plots, streams["furniture"])])))
-    out.append(("hills", _model("hills", [_hills(layout, streams["hills"])])))
+    out.append(("hills", _model("hills", [_hills(layout, foliage, streams["hills"])])))
     return [(name, model, Pose.identity()) for name, model in out]
 
 
@@ -104,7 +105,7 @@ def _free(plots: list[_Plot], x: float, y: float, margin: float) -> bool:
     return True
 
 
-def _trees(layout: Layout, length_m: float, plots: list[_Plot], rng: np.random.Generator) -> Surface:
+def _trees(layout: Layout, length_m: float, plots: list[_Plot], foliage: Array, rng: np.random.Generator) -> Surface:
     parts: list[Part] = []
     clear = PAVEMENT_M + 2.0
     for side, edge in ((1, layout.right_m), (-1, layout.left_m)):
@@ -128,7 +129,7 @@ def _trees(layout: Layout, length_m: float, plots: list[_Plot], rng: np.random.G
     parts += _end_of_street(layout, length_m, rng)
     if not plots:
         parts += _woods(layout, rng)
-    return surface(merged(parts), leaves(rng), crease_rad=np.deg2rad(60))
+    return surface(merged(parts), foliage, crease_rad=np.deg2rad(60))
 
 
 def _woods(layout: Layout, rng: np.random.Generator) -> list[Part]:
@@ -202,6 +203,6 @@ def _furniture(layout: Layout, length_m: float, plots: list[_Plot], rng: np.rand
     return surface(merged(parts), sign_atlas(rng), repeat=False)
 
 
-def _hills(layout: Layout, rng: np.random.Generator) -> Surface:
+def _hills(layout: Layout, foliage: Array, rng: np.random.Generator) -> Surface:
     part = wooded_hills((0.0, layout.end_m / 2), 240.0, rng)
-    return surface(part, leaves(rng), crease_rad=np.deg2rad(70))
+    return surface(part, foliage, crease_rad=np.deg2rad(70))

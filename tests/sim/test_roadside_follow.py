@@ -9,9 +9,9 @@ from scipy.spatial import cKDTree
 from sim.roadside import Path, build_roadside, follow
 
 
-def arc(radius: float, angle: float) -> np.ndarray:
+def arc(radius: float, angle: float, samples: int = 200) -> np.ndarray:
     """Right turn that starts at the origin heading +y."""
-    a = np.linspace(0, angle, 200)
+    a = np.linspace(0, angle, samples)
     return np.stack([radius * (1 - np.cos(a)), radius * np.sin(a)], axis=1)
 
 
@@ -32,7 +32,7 @@ def test_an_arc_is_followed_to_a_decimetre() -> None:
     s = np.linspace(10, radius * 1.2 - 10, 40)
     lane, _ = path.place(np.stack([np.zeros(40), s, np.zeros(40)], axis=1))
     # The smoothing of 4 m rounds an arc of this radius by 4² / 60 / 2 = 0.13 m at its ends, less inside.
-    assert cKDTree(arc(radius, 1.2)).query(lane[:, :2])[0].max() < 0.15
+    assert cKDTree(arc(radius, 1.2, 20_000)).query(lane[:, :2])[0].max() < 0.15
     aside, heading = path.place(np.stack([np.full(40, 5.0), s, np.zeros(40)], axis=1))
     np.testing.assert_allclose(np.linalg.norm(aside - lane, axis=1), 5.0, atol=1e-6)
     # Clockwise headings grow in a right turn at 1/radius; 5 m inside, the street is shorter by 5/60.
