@@ -20,7 +20,7 @@ from sim.textures import Color
 Array = np.ndarray
 
 VEHICLE_KINDS = tuple(SHAPES)
-_SWITCH_M = (45.0, 110.0)
+_SWITCH_M = (85.0, 170.0)
 _DARK = (0.01, 0.01, 0.011)
 _GLOSS = 0.05
 
