@@ -147,7 +147,8 @@ def _wheels(shape: Shape, atlas: Atlas, detail: Detail) -> list[Part]:
     face = np.any(uv != white, axis=(1, 2))
     uv[face, :, 1] = center[1] + (uv[face, :, 1] - center[1]) * stretch
     left = replace(left, uv=uv)
-    y = shape.size_m[1] / 2 - width / 2 - 0.025
+    # Without arches the wheel would vanish in the flank, so there it stands as far out as the box allows.
+    y = shape.size_m[1] / 2 - width / 2 - (0.025 if detail.arch else 0.0)
     out = []
     for x in (0.0, shape.wheelbase_m):
         one = left.moved((x, y, r))
