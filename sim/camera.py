@@ -30,10 +30,12 @@ class Camera:
 
     def __post_init__(self) -> None:
         K, d = np.asarray(self.K, float), np.asarray(self.distortion, float)
-        if K.shape != (3, 3) or not (K[0, 0] > 0 and K[1, 1] > 0):
-            raise ValueError(f"Camera.K: expected (3, 3) with positive focal lengths, got {K.tolist()}")
-        if d.shape != (5,):
-            raise ValueError(f"Camera.distortion: expected 5 coefficients (k1, k2, p1, p2, k3), got {d.shape}")
+        if K.shape != (3, 3) or not np.isfinite(K).all() or not (K[0, 0] > 0 and K[1, 1] > 0):
+            raise ValueError(f"Camera.K: expected (3, 3), finite, with positive focal lengths, got {K.tolist()}")
+        if d.shape != (5,) or not np.isfinite(d).all():
+            raise ValueError(
+                f"Camera.distortion: expected 5 finite coefficients (k1, k2, p1, p2, k3), got {d.tolist()}"
+            )
         object.__setattr__(self, "K", freeze(K))
         object.__setattr__(self, "distortion", freeze(d))
         object.__setattr__(self, "size_px", (int(self.size_px[0]), int(self.size_px[1])))

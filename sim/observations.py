@@ -87,6 +87,8 @@ class Observations:
             raise ValueError(f"Observations.tracks: frame outside 0..{len(self.t_s) - 1}")
         if self.T_wc is not None and self.T_wc.t.shape != (len(self.t_s), 3):
             raise ValueError(f"Observations.T_wc: expected {len(self.t_s)} poses, got {self.T_wc.t.shape}")
+        if self.T_wc is not None and not (np.isfinite(self.T_wc.R).all() and np.isfinite(self.T_wc.t).all()):
+            raise ValueError("Observations.T_wc: not finite")
 
     def save(self, folder: Path) -> None:
         archive.save(folder / _FILE, self)

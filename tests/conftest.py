@@ -6,12 +6,17 @@ from pathlib import Path
 
 import pytest
 from beartype import BeartypeConf, FrozenDict, beartype
+from hypothesis import settings
 from jaxtyping import install_import_hook
 from numpy.typing import ArrayLike
 
 # PEP 484 welcomes an int where a float is asked for; at run time NumPy's protocol for sequences knows no tuple.
 checked = beartype(conf=BeartypeConf(is_pep484_tower=True, hint_overrides=FrozenDict({ArrayLike: object})))
 install_import_hook(["sim", "estimators"], f"{__name__}.checked")
+
+# A loaded machine is no failure; the same examples every time, so that neither is luck.
+settings.register_profile("pruefstand", deadline=None, derandomize=True)
+settings.load_profile("pruefstand")
 
 SHARED_DATA = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 

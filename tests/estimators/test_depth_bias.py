@@ -95,7 +95,7 @@ def test_who_sees_too_near_and_who_too_far(depth_error: Callable[..., tuple[floa
 
     Triangulation puts a point at 35 m too far by Z (sigma_d/d)² = 35 * 0.18 / 73 = 0.086 m.
     """
-    pairs = 8
+    pairs = 6
     observed, s_o = depth_error(pairs, weights="observed", second_order=False)
     averaged, s_a = depth_error(pairs, weights="averaged", second_order=False)
     estimated, s_e = depth_error(pairs, weights="estimated", second_order=False)
@@ -106,4 +106,4 @@ def test_who_sees_too_near_and_who_too_far(depth_error: Callable[..., tuple[floa
     assert observed + 4 * s_o < averaged < 0
     assert estimated == pytest.approx(0.086, abs=4 * s_e + 0.01)
     assert abs(corrected) < 4 * s_c
-    assert max(s_o, s_a, s_e, s_c) < 0.012  # the test can tell
+    assert max(s_o, s_a, s_e, s_c) < 0.015  # the test can tell

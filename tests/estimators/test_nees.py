@@ -32,7 +32,7 @@ def errors(w: WindowEstimate, scene: Any) -> Array:
 @pytest.fixture(scope="module", params=["normal", "general"])
 def runs(request: pytest.FixtureRequest, make_scene: Callable[..., Any]) -> tuple[Array, Array]:
     """Errors (runs, 12) and covariances (runs, 12, 12) of a 10-frame window at 20 m: the linear covariance holds."""
-    runs = RUNS if request.param == "normal" else RUNS // 2
+    runs = RUNS if request.param == "normal" else RUNS // 3
     scene = make_scene(points=120, frames=10, distance_m=20.0, rig=request.param)
     estimator = SlidingWindowAdjustment(window=10, start_window=10, initial="principal_axes_xz")
     results = []

@@ -174,6 +174,13 @@ def test_camera_refuses_a_focal_length_that_is_none(focal: float) -> None:
         Camera.simple((640, 480), focal)
 
 
+def test_camera_refuses_what_is_not_finite() -> None:
+    with pytest.raises(ValueError, match="finite"):
+        Camera.simple((640, 480), 500.0, (float("nan"), 10.0))
+    with pytest.raises(ValueError, match="finite"):
+        Camera(PINHOLE.K, (640, 480), np.array([0, 0, np.inf, 0, 0]))
+
+
 def test_camera_refuses_wrong_shapes() -> None:
     # Shape annotations refuse it in the tests, the constructor elsewhere.
     with pytest.raises((ValueError, TypeError)):

@@ -120,6 +120,11 @@ def test_frames_and_ego_poses_must_fit_the_times() -> None:
         replace(observations(), tracks=replace(tracks(), frame=np.array([-1, -1, 1, 1, 3])))
 
 
+def test_ego_poses_must_be_finite() -> None:
+    with pytest.raises(ValueError, match=r"Observations\.T_wc: not finite"):
+        replace(observations(), T_wc=Pose(np.eye(3)[None].repeat(4, 0), np.full((4, 3), np.nan)))
+
+
 def test_covariances_must_be_positive() -> None:
     """A standard deviation of zero would weigh without end."""
     cov = np.array(tracks().cov)
