@@ -77,7 +77,7 @@ def make_rig(rig: Rig) -> tuple[StereoRig, StereoRig]:
     def build(focal_px: float, baseline_m: float, rotation_deg: tuple[float, float, float]) -> StereoRig:
         camera = Camera.simple(rig.size_px, focal_px, rig.principal_px)
         camera = Camera(camera.K, rig.size_px, np.array(rig.distortion, float))
-        R_rl = exp_so3(np.deg2rad(rotation_deg))
+        R_rl = exp_so3(-np.deg2rad(rotation_deg))
         return StereoRig(camera, camera, Pose(R_rl, -R_rl @ np.array([baseline_m, 0.0, 0.0])))
 
     true = build(rig.focal_px, rig.baseline_m, rig.right_rotation_deg)
