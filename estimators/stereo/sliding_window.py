@@ -181,12 +181,12 @@ def _finished(
     t_s: Float[Array, "f"],
     previous: WindowEstimate | None,
 ) -> WindowEstimate:
-    """The solution in the datum of its start values, with its covariance."""
-    X_start = points_by_mean(problem, *start)
+    """The solution in the datum of the points known from the last window, else of its start values; with covariance."""
+    Q, shift = align(s.X, points_by_mean(problem, *start))
     if previous is not None:
         _, old, new = np.intersect1d(previous.track, tracks, return_indices=True)
-        X_start[new] = previous.X_o[old]
-    Q, shift = align(s.X, X_start)
+        if len(new) >= windows.MIN_POINTS:
+            Q, shift = align(s.X[new], previous.X_o[old])
     R = s.R @ Q.T
     r = redundancy(problem)
     return WindowEstimate(
