@@ -34,9 +34,9 @@ class Reduced:
 
 def sum_by(index: Int[np.ndarray, "k"], values: Float[np.ndarray, "k ..."], size: int) -> Float[np.ndarray, "s ..."]:
     """Sums of the rows with the same index, (size, ...)."""
-    flat = values.reshape(len(values), -1)
-    out = np.stack([np.bincount(index, column, size) for column in flat.T], axis=-1)
-    return out.reshape(size, *values.shape[1:])
+    width = int(np.prod(values.shape[1:]))
+    cell = (index[:, None] * width + np.arange(width)).ravel()
+    return np.bincount(cell, values.ravel(), size * width).reshape(size, *values.shape[1:])
 
 
 def inverse_spd(N: Float[np.ndarray, "n 3 3"], what: str) -> Float[np.ndarray, "n 3 3"]:
@@ -91,7 +91,7 @@ def reduce_points(frame: Int[np.ndarray, "k"], point: Int[np.ndarray, "k"], bloc
     N_inv = inverse_spd(sum_by(point, blocks.N_XX, n), "a point is not determined by its observations")
     b_X = sum_by(point, blocks.b_X, n)
     by_frame = np.zeros((n, m, 3, 6))
-    np.add.at(by_frame, (point, frame), np.swapaxes(blocks.N_pX, 1, 2))
+    by_frame[point, frame] = np.swapaxes(blocks.N_pX, 1, 2)  # a point is observed once in a frame
     N_Xp = by_frame.transpose(0, 2, 1, 3).reshape(n * 3, 6 * m)
     h = (N_inv @ N_Xp.reshape(n, 3, 6 * m)).reshape(n * 3, 6 * m)
     S = scipy.linalg.block_diag(*sum_by(frame, blocks.N_pp, m)) - N_Xp.T @ h

@@ -33,6 +33,8 @@ from sim.pose import exp_so3, hat, left_jacobian, log_so3
 Array = np.ndarray
 Stop = Literal["decrement", "update", "relative_update"]
 _TRIES = 14
+# Weights that follow the points need not lead to a fixed point where outliers rule; after so many iterations they stay.
+_REWEIGHTED = 20
 # At rough start values Newton's curvature belongs to residuals that one linear step takes away: it misleads.
 _GAUSS_NEWTON_STEPS = 3
 
@@ -170,9 +172,11 @@ def adjust(
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
     """
     X = points_by_mean(problem, R, T)
+    observed, W = problem.model(_camera_points(problem, R, T, X))
     damping = 0.0
     for iteration in range(1, max_iterations + 1):
-        observed, W = problem.model(_camera_points(problem, R, T, X))
+        if iteration <= _REWEIGHTED:
+            observed, W = problem.model(_camera_points(problem, R, T, X))
         cost, X = _cost(problem, R, T, observed, W)
         residual = observed - _camera_points(problem, R, T, X)
         system, rhs = _system(problem, R, X, residual, W, iteration > _GAUSS_NEWTON_STEPS)

@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 import pytest
 
-from scenarios.cli import main
 from sim.camera import Camera
 from sim.observations import Observations
 from sim.truth import Truth
+from tests.end_to_end.conftest import run
+
+pytestmark = pytest.mark.xdist_group("pictures")
 
 SETTINGS = (
     "rig.frames=8",
@@ -30,8 +32,8 @@ SETTINGS = (
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("run") / "out"
-    settings = [w for s in SETTINGS for w in ("--set", s)]
-    assert main(["run", "oncoming", *settings, "--out", str(out)]) == 0
+    result = run("oncoming", out, *SETTINGS)
+    assert result.returncode == 0, result
     return out
 
 

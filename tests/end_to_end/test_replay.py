@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from scenarios.cli import main
+from tests.end_to_end.conftest import run
 
 
 @pytest.mark.shared_data
@@ -21,7 +21,8 @@ def test_replay_of_a_real_label(sequence: str, track: int, moving: bool, shared_
     if moving:
         settings.append(f"ego.poses={labels / sequence}.camera.txt")
     out = tmp_path / "run"
-    assert main(["run", "replay", *[w for s in settings for w in ("--set", s)], "--out", str(out)]) == 0
+    result = run("replay", out, *settings)
+    assert result.returncode == 0, result
     m = pd.read_csv(out / "metrics.csv", keep_default_na=False)
     assert float(m[m["statistic"] == "converged"]["value"].iloc[0]) >= 0.9
     z = m[(m["quantity"] == "position") & (m["axis"] == "z") & (m["bin"] == "") & (m["entity"] == "target")]
