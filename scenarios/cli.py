@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tomllib
 import traceback
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -65,7 +66,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments and not arguments[0].startswith("-") and arguments[0] not in _COMMANDS:
             raise ScenarioError(f"no command {arguments[0]!r}, {nearest(arguments[0], list(_COMMANDS))}")
         parsed = _parser().parse_args(arguments or ["--help"])
-        return _dispatch(parsed)
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: errors.print(f"pruefstand: warning: {message}", markup=False)
+            return _dispatch(parsed)
     except ScenarioError as error:
         errors.print(f"pruefstand: {error}", markup=False, highlight=False)
         return 2

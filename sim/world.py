@@ -195,10 +195,10 @@ def _refuse_contact(actors: list[Actor], t_s: Array) -> None:
     """No two vehicle volumes may intersect at any frame."""
     for i, a in enumerate(actors):
         for b in actors[i + 1 :]:
-            A, B = a.trajectory.pose(t_s), b.trajectory.pose(t_s)
-            for k in range(len(t_s)):
-                if meshes.volumes_intersect(a.model, A[k], b.model, B[k]):
-                    raise ScenarioError(f"vehicle: {a.name!r} and {b.name!r} touch at t = {t_s[k]:.2f} s (frame {k})")
+            touch = meshes.volumes_intersect(a.model, a.trajectory.pose(t_s), b.model, b.trajectory.pose(t_s))
+            if touch.any():
+                k = int(np.argmax(touch))
+                raise ScenarioError(f"vehicle: {a.name!r} and {b.name!r} touch at t = {t_s[k]:.2f} s (frame {k})")
 
 
 def _props(scenario: Scenario, actors: list[Actor], ego: Trajectory, t_s: Array) -> tuple[Prop, ...]:

@@ -1,15 +1,15 @@
 """Vehicles and other bodies: parametric cars, vans, lorries and buses, mesh files, point grids, surface points.
 
-    shapes     outlines of the kinds
-    solid      closed parts, their primitives and their union into one surface
-    body       lofted bodies with wheel arches
-    wheels     tyres and rims
-    atlas      which side lies where on a vehicle's texture
-    painter    boards, paint and materials for the texture
-    paint      the texture: paint_flank, paint_ends (front, rear, top), dirt
-    vehicles   `make_vehicle`: all of it scaled to a size, in three levels of detail
-    files      `load_mesh` and `point_grid`
-    volume     `sample_surface`, `volumes_intersect`
+shapes     outlines of the kinds
+solid      closed parts, their primitives and their union into one surface
+body       lofted bodies with wheel arches
+wheels     tyres and rims
+atlas      which side lies where on a vehicle's texture
+painter    boards, paint and materials for the texture
+paint      the texture: paint_flank, paint_ends (front, rear, top), dirt
+vehicles   `make_vehicle`: all of it scaled to a size, in three levels of detail
+files      `load_mesh` and `point_grid`
+volume     `sample_surface`, `volumes_intersect`
 """
 
 from sim.meshes.files import MeshError, OpenMeshWarning, load_mesh, point_grid

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import warnings
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -60,8 +61,7 @@ def load_mesh(
         )
     elif _signed_volume(vertices, faces) < 0:
         faces = faces[:, ::-1].copy()
-    part = plain(vertices, faces, gloss=_GLOSS)
-    object.__setattr__(part, "color", colors)
+    part = replace(plain(vertices, faces, gloss=_GLOSS), color=colors)
     return VehicleModel(
         name=path.stem,
         levels=((surface(part),),),
