@@ -14,6 +14,8 @@ Array = np.ndarray
 # Directions from which a camera at road height may look: around the vehicle, slightly from above.
 _AZIMUTHS, _ELEVATION = 8, 0.12
 _UNDERSIDE = -0.5
+# Pairs of point and triangle tested at a time: bounds the memory, whatever the number of points.
+_PAIRS = 1_000_000
 
 
 def sample_surface(
@@ -80,11 +82,16 @@ def _blocked(points: Array, direction: Array, corners: Array) -> Bool[Array, "n"
     area = ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]
     keep = np.abs(area) > 1e-14
     a, ab, ac, area = a[keep], ab[keep], ac[keep], area[keep]
-    q = p[:, None, :2] - a[None, :, :2]
-    v = (q[..., 0] * ac[:, 1] - q[..., 1] * ac[:, 0]) / area
-    w = (ab[:, 0] * q[..., 1] - ab[:, 1] * q[..., 0]) / area
-    height = a[:, 2] + v * ab[:, 2] + w * ac[:, 2]
-    return np.asarray(np.any((v >= 0) & (w >= 0) & (v + w <= 1) & (height > p[:, 2:]), axis=1))
+
+    def covered(p: Array) -> Array:
+        q = p[:, None, :2] - a[None, :, :2]
+        v = (q[..., 0] * ac[:, 1] - q[..., 1] * ac[:, 0]) / area
+        w = (ab[:, 0] * q[..., 1] - ab[:, 1] * q[..., 0]) / area
+        height = a[:, 2] + v * ab[:, 2] + w * ac[:, 2]
+        return np.asarray(np.any((v >= 0) & (w >= 0) & (v + w <= 1) & (height > p[:, 2:]), axis=1))
+
+    step = max(1, _PAIRS // max(1, len(area)))
+    return np.concatenate([covered(p[i : i + step]) for i in range(0, len(p), step)])
 
 
 def bounding_box(model: VehicleModel) -> tuple[Float[Array, "3"], Float[Array, "3"]]:
