@@ -173,7 +173,8 @@ def asphalt_texture(rng: np.random.Generator, size: int = 2048, span_m: float = 
     board = Board(image, (0, 0), (size / span_m, size / span_m))
     for _ in range(3):
         a, b, w, h = *rng.uniform(0.1, 0.6, 2) * span_m, *rng.uniform(0.06, 0.2, 2) * span_m
-        board.rect(a, b, w, h, tuple(np.full(3, rng.choice([0.30, 0.47]))), 0.35)
+        gray = float(rng.choice([0.30, 0.47]))
+        board.rect(a, b, w, h, (gray, gray, gray), 0.35)
         board.line([(a, b), (a + w, b), (a + w, b + h), (a, b + h), (a, b)], 0.03, (0.17, 0.17, 0.18), 0.7)
     for _ in range(9):
         a, b = rng.uniform(0.1, 0.9, 2) * span_m
