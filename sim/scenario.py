@@ -6,7 +6,7 @@ Degrees appear here and nowhere deeper; every angle key ends in ``_deg`` or ``_d
 from __future__ import annotations
 
 import difflib
-import math
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -23,42 +23,53 @@ class Spec(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
-Positive = Annotated[float, Field(gt=0)]
-NonNegative = Annotated[float, Field(ge=0)]
+# Far beyond anything on a road, and near enough for double precision.
+Positive = Annotated[float, Field(gt=0, le=1e6)]
+NonNegative = Annotated[float, Field(ge=0, le=1e6)]
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+Degrees = Annotated[float, Field(ge=-3600, le=3600)]
+Transition = Annotated[float, Field(ge=0.05, le=1e3)]
+Rate = Annotated[float, Field(ge=0.1, le=1000)]
+Coefficient = Annotated[float, Field(ge=-1e3, le=1e3)]
+Count = Annotated[int, Field(ge=1, le=100)]
+Extent = Annotated[float, Field(ge=0.1, le=100)]
+Focal = Annotated[float, Field(ge=1, le=1e6)]
+Point2 = tuple[Coordinate, Coordinate]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9 _.+-]*$", max_length=60)]
+
+
+# Motions are sampled finely and kept in memory; what software OpenGL can draw; weights are inverse squares.
+_LONGEST_S, _LARGEST_PX, _LEAST_SIGMA_PX = 3600, 16384, 1e-6
 
 
 class Nominal(Spec):
     """What the estimators believe of the rig where it differs from the truth."""
 
-    focal_px: Positive | None = None
+    focal_px: Focal | None = None
     baseline_m: Positive | None = None
-    right_rotation_deg: tuple[float, float, float] | None = None
+    right_rotation_deg: tuple[Degrees, Degrees, Degrees] | None = None
 
 
 class Rig(Spec):
     """Stereo rig; both cameras alike, the right one ``baseline_m`` to the right and turned by a rotation vector."""
 
     size_px: tuple[Annotated[int, Field(ge=16, le=16384)], Annotated[int, Field(ge=16, le=16384)]] = (1024, 768)
-    focal_px: Positive = 1000.0
-    principal_px: tuple[float, float] | None = None
+    focal_px: Focal = 1000.0
+    principal_px: Point2 | None = None
     """Principal point; the image centre by default."""
-    distortion: tuple[float, float, float, float, float] = (0, 0, 0, 0, 0)
+    distortion: tuple[Coefficient, Coefficient, Coefficient, Coefficient, Coefficient] = (0, 0, 0, 0, 0)
     """Brown coefficients k1, k2, p1, p2, k3 in OpenCV's order."""
     baseline_m: Positive = 0.30
-    right_rotation_deg: tuple[float, float, float] = (0, 0, 0)
+    right_rotation_deg: tuple[Degrees, Degrees, Degrees] = (0, 0, 0)
     """Rotation vector of the right camera against the left one, camera axes."""
     height_m: Positive = 1.0
     pitch_deg: Annotated[float, Field(gt=-45, lt=45)] = 0.0
     """Upwards positive."""
-    rate_hz: Positive = 25.0
+    rate_hz: Rate = 25.0
     frames: Annotated[int, Field(ge=1, le=100_000)] | None = None
     """Number of stereo frames; in a replay by default as many as the label has."""
     nominal: Nominal = Nominal()
-
-
-Point2 = tuple[float, float]
 
 
 class Straight(Spec):
@@ -66,7 +77,7 @@ class Straight(Spec):
 
     kind: Literal["straight"]
     start_m: Point2
-    heading_deg: float = 0.0
+    heading_deg: Degrees = 0.0
     speed_mps: NonNegative = 10.0
 
 
@@ -84,12 +95,12 @@ class Turning(Spec):
 
     kind: Literal["turning"]
     start_m: Point2
-    heading_deg: float = 0.0
+    heading_deg: Degrees = 0.0
     speed_mps: Positive = 8.0
-    turn_deg: float = 90.0
+    turn_deg: Degrees = 90.0
     yaw_rate_dps: Positive = 20.0
     straight_s: NonNegative = 0.4
-    clothoid_s: Positive = 0.5
+    clothoid_s: Transition = 0.5
 
     @model_validator(mode="after")
     def _room_for_clothoids(self) -> Turning:
@@ -103,11 +114,11 @@ class Braking(Spec):
 
     kind: Literal["braking"]
     start_m: Point2
-    heading_deg: float = 0.0
+    heading_deg: Degrees = 0.0
     speed_mps: Positive = 15.0
     deceleration_mps2: Annotated[float, Field(gt=0, le=15)] = 6.0
     brake_s: NonNegative = 0.5
-    rise_s: Positive = 0.2
+    rise_s: Transition = 0.2
     final_speed_mps: NonNegative = 0.0
 
 
@@ -116,11 +127,11 @@ class StopAndGo(Spec):
 
     kind: Literal["stop_and_go"]
     start_m: Point2
-    heading_deg: float = 0.0
+    heading_deg: Degrees = 0.0
     speed_mps: Positive = 6.0
     drive_s: Positive = 1.5
     stand_s: NonNegative = 0.7
-    change_s: Positive = 0.8
+    change_s: Transition = 0.8
 
 
 class Labels(Spec):
@@ -129,7 +140,7 @@ class Labels(Spec):
     kind: Literal["labels"]
     labels: Path
     track: Annotated[int, Field(ge=0)] = 0
-    label_rate_hz: Positive = 10.0
+    label_rate_hz: Rate = 10.0
     smoothing_m: NonNegative = 0.10
     """Standard deviation of a label's position that the smoothing assumes."""
     smoothing_deg: NonNegative = 3.0
@@ -157,7 +168,7 @@ class Ego(Spec):
     @model_validator(mode="after")
     def _one_motion(self) -> Ego:
         if self.motion is not None and self.poses is not None:
-            raise ValueError("ego: give either motion or poses")
+            raise ValueError("poses: give either motion or poses")
         return self
 
 
@@ -167,15 +178,29 @@ class Vehicle(Spec):
     name: Name
     mesh: str = "sedan"
     """sedan, hatchback, estate, van, lorry, bus, point_grid, label (kind and size from the label), or a mesh file."""
-    size_m: tuple[Positive, Positive, Positive] | None = None
+    size_m: tuple[Extent, Extent, Extent] | None = None
     """Length, width, height."""
-    grid: tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)], Annotated[int, Field(ge=1)]] = (5, 4, 5)
+    grid: tuple[Count, Count, Count] = (5, 4, 5)
     """Points of a point_grid along its length, width and height."""
     forward: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+x"
     up: Literal["+x", "-x", "+y", "-y", "+z", "-z"] = "+z"
     """Axes of a mesh file."""
     color: Literal["white", "silver", "grey", "black", "red", "blue", "green"] | None = None
+    """Paint of the body; by default drawn from the seed, or a mesh file's own colours."""
     motion: Motion
+
+    @property
+    def is_file(self) -> bool:
+        """Whether ``mesh`` names a file, by a dot or slash."""
+        return any(c in self.mesh for c in "./\\")
+
+    @model_validator(mode="after")
+    def _only_what_acts(self) -> Vehicle:
+        acts = {"forward": self.is_file, "up": self.is_file, "grid": self.mesh == "point_grid"}
+        for key, does in acts.items():
+            if not does and getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f"{key}: does nothing to mesh {self.mesh!r}")
+        return self
 
 
 class Road(Spec):
@@ -184,9 +209,9 @@ class Road(Spec):
     roadside: bool = True
     """Road, buildings, trees, signs and street furniture; without it the vehicles stand before the sky."""
     lanes: Annotated[int, Field(ge=1, le=6)] = 2
-    crossing_at_m: float | None = None
+    crossing_at_m: Coordinate | None = None
     """Distance of a crossing road, if there is one."""
-    sun_azimuth_deg: float = 230.0
+    sun_azimuth_deg: Degrees = 230.0
     """Clockwise from the driving direction."""
     sun_elevation_deg: Annotated[float, Field(gt=5, le=90)] = 42.0
 
@@ -232,8 +257,8 @@ class Measure(Spec):
 
     @model_validator(mode="after")
     def _stated(self) -> Measure:
-        if self.sigma_px == 0 and self.stated_sigma_px is None:
-            raise ValueError("stated_sigma_px: give a positive value where sigma_px is 0")
+        if self.stated < _LEAST_SIGMA_PX:
+            raise ValueError(f"stated_sigma_px: give at least {_LEAST_SIGMA_PX:g} where sigma_px is {self.sigma_px:g}")
         return self
 
     @property
@@ -331,6 +356,10 @@ class Scenario(Spec):
                 _choose(f"outliers.{i}.on", outlier.on, ["background", *others])
         if self.rig.frames is None and not isinstance(self.target.motion, Labels):
             raise ValueError("rig.frames: a number is needed unless the target's motion is a replay of labels")
+        if self.run_seconds > _LONGEST_S:
+            raise ValueError(f"rig.frames: the run lasts {self.run_seconds:g} s, allowed are {_LONGEST_S} s")
+        if self.render.enabled and self.render.supersample * max(self.rig.size_px) > _LARGEST_PX:
+            raise ValueError(f"render.supersample: images of more than {_LARGEST_PX} fine pixels cannot be drawn")
         for i, v in enumerate(self.vehicle):
             if isinstance(v.motion, Labels) and v is not self.target:
                 raise ValueError(f"vehicle.{i}.motion: only the target can replay labels")
@@ -366,10 +395,6 @@ def _choose(key: str, found: str, allowed: list[str]) -> None:
         raise ValueError(f"{key}: found {found!r}, {nearest(found, allowed)}")
 
 
-def radians(degrees: float) -> float:
-    return math.radians(degrees)
-
-
 def explain(error: ValidationError, root: type[BaseModel]) -> str:
     """One line for the first error of a validation: key, what was found, what is allowed."""
     e = error.errors(include_url=False)[0]
@@ -389,7 +414,8 @@ def explain(error: ValidationError, root: type[BaseModel]) -> str:
     message = str(e["msg"]).removeprefix("Value error, ").replace("input should be", "should be")
     message = message.replace("Input should be", "should be")
     plain = not isinstance(found, (dict, list, tuple, BaseModel)) and len(repr(found)) < 80
-    return f"{key + ': ' if key else ''}{message}{f', found {found!r}' if plain else ''}"
+    joint = "" if not key else "." if re.match(r"[a-z_]+: ", message) else ": "  # a model's message may name its key
+    return f"{key}{joint}{message}{f', found {found!r}' if plain else ''}"
 
 
 def _locate(root: type[BaseModel], loc: tuple[int | str, ...]) -> tuple[list[str], type[BaseModel]]:

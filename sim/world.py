@@ -77,6 +77,8 @@ def make_rig(rig: Rig) -> tuple[StereoRig, StereoRig]:
     def build(focal_px: float, baseline_m: float, rotation_deg: tuple[float, float, float]) -> StereoRig:
         camera = Camera.simple(rig.size_px, focal_px, rig.principal_px)
         camera = Camera(camera.K, rig.size_px, np.array(rig.distortion, float))
+        if not np.isfinite(camera.normalise(_grid(rig.size_px))).all():
+            raise ScenarioError(f"rig.distortion: {list(rig.distortion)} folds the image before its corners")
         R_rl = exp_so3(-np.deg2rad(rotation_deg))
         return StereoRig(camera, camera, Pose(R_rl, -R_rl @ np.array([baseline_m, 0.0, 0.0])))
 
@@ -86,6 +88,11 @@ def make_rig(rig: Rig) -> tuple[StereoRig, StereoRig]:
         return true, true
     rotation = rig.right_rotation_deg if n.right_rotation_deg is None else n.right_rotation_deg
     return true, build(n.focal_px or rig.focal_px, n.baseline_m or rig.baseline_m, rotation)
+
+
+def _grid(size_px: tuple[int, int]) -> Float[Array, "5 5 2"]:
+    """Pixels over the whole image with its corners."""
+    return np.stack(np.meshgrid(*(np.linspace(-0.5, n - 0.5, 5) for n in size_px)), axis=-1)
 
 
 def camera_mount(rig: Rig) -> Pose:
@@ -172,10 +179,12 @@ def _model(vehicle: Vehicle, scenario: Scenario, label: LabelTrack | None) -> Ve
         return meshes.make_vehicle(mesh, rng, size, vehicle.color)
     if mesh == "point_grid":
         return meshes.point_grid(size or (5.0, 1.25, 1.0), vehicle.grid)
-    if not any(c in mesh for c in "./\\"):
+    if not vehicle.is_file:
         raise ScenarioError(f"{key}: found {mesh!r}, {nearest(mesh, [*meshes.VEHICLE_KINDS, 'point_grid', 'label'])}")
     try:
-        return meshes.load_mesh(pathlib.Path(mesh), size_m=size, forward=vehicle.forward, up=vehicle.up)
+        return meshes.load_mesh(
+            pathlib.Path(mesh), size_m=size, forward=vehicle.forward, up=vehicle.up, color=vehicle.color
+        )
     except ValueError as error:
         raise ScenarioError(f"{key}: {error}") from error
 

@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
+from sim.meshes.paint import PAINTS
 from sim.meshes.solid import plain, surface
 from sim.model import VehicleModel
+from sim.textures import linear_from_srgb
 
 Array = np.ndarray
 
@@ -34,12 +36,14 @@ def load_mesh(
     size_m: Sequence[float] | None = None,
     forward: str = "+x",
     up: str = "+z",
+    color: str | None = None,
 ) -> VehicleModel:
     """A vehicle from any mesh file trimesh reads (PLY, OBJ, STL, GLB, OFF ...), in one level of detail.
 
     ``forward`` and ``up`` name the file's axes. ``length_m`` scales all axes alike, ``size_m`` (length, width, height)
     each axis on its own; with neither, the file is in metres. Wheels are unknown, so the rear axle is put at a fifth of
-    the length. Emits `OpenMeshWarning` where the surface is not closed.
+    the length. ``color``, a name of `PAINTS`, takes the place of the file's colours. Emits `OpenMeshWarning` where the
+    surface is not closed.
 
     Raises
         MeshError: no such file, not a mesh, no faces, coordinates that are not finite, no extent, unknown axes.
@@ -61,6 +65,8 @@ def load_mesh(
         )
     elif _signed_volume(vertices, faces) < 0:
         faces = faces[:, ::-1].copy()
+    if color is not None:
+        colors = np.broadcast_to(linear_from_srgb(PAINTS[color]), colors.shape)
     part = replace(plain(vertices, faces, gloss=_GLOSS), color=colors)
     return VehicleModel(
         name=path.stem,
@@ -158,7 +164,7 @@ def _face_colors(mesh: trimesh.Trimesh, count: int) -> Array:
         rgb = None
     if rgb is None or rgb.shape != (count, 3):
         return np.full((count, 3), 0.45)
-    return np.asarray(rgb**2.2)
+    return linear_from_srgb(rgb)
 
 
 def _target_size(path: Path, extent: Array, length_m: float | None, size_m: Sequence[float] | None) -> Array:

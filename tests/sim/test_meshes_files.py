@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.meshes import (
+    PAINTS,
     MeshError,
     OpenMeshWarning,
     bounding_box,
@@ -21,6 +22,7 @@ from sim.meshes import (
     volumes_intersect,
 )
 from sim.pose import Pose, exp_so3, rot_z
+from sim.textures import linear_from_srgb
 
 
 @pytest.fixture
@@ -63,6 +65,15 @@ def test_axes_of_the_file(
     distance = np.linalg.norm(m.solid_vertices[:, [0, 2]] - expected, axis=1)
     assert distance.min() < 1e-6
     assert trimesh.Trimesh(m.solid_vertices, m.solid_faces, process=False).volume == pytest.approx(4.0)
+
+
+def test_paint_takes_the_place_of_the_file_s_colours(tmp_path: Path, wedge: trimesh.Trimesh) -> None:
+    wedge.visual.face_colors = [255, 255, 0, 255]
+    wedge.export(tmp_path / "w.ply")
+    (own,), (blue,) = (load_mesh(tmp_path / "w.ply", color=c).levels[0] for c in (None, "blue"))
+    np.testing.assert_allclose(own.color, np.broadcast_to([1.0, 1.0, 0.0], own.color.shape), atol=1e-9)
+    np.testing.assert_allclose(blue.color[0], linear_from_srgb(PAINTS["blue"]))
+    assert np.ptp(blue.color, axis=0).max() == 0
 
 
 def test_scaling(tmp_path: Path, wedge: trimesh.Trimesh) -> None:
