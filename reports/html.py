@@ -31,7 +31,7 @@ FIGURES = {
     ),
     "velocity": (
         "Velocity",
-        "Velocity of the reference point (middle of the rear axle on the ground), speed and yaw rate, positive to the "
+        "Velocity of the reference point (middle of the rear axle), speed and yaw rate, positive to the "
         "left, with ±3σ. All are differences of the two newest frames of one window: noisy, and in turns half an "
         "interval late against the truth at the instant.",
     ),

@@ -38,8 +38,7 @@ class Labels:
 class Body:
     """A vehicle in the scene: pose over the frames and bounding box in its frame v.
 
-    T_wv (m,) poses; box_v (2, 3) lower and upper corner [m]; visible (m,) share of its surface points in view that no
-    other thing hides, in both cameras (0 = out of view).
+    T_wv (m,) poses; box_v (2, 3) lower and upper corner [m]; outline_v (k, 3) vertices of its surface, for drawing.
     """
 
     name: str
@@ -59,7 +58,8 @@ class Truth:
     ego_velocity_w (m, 3) its velocity [m/s]; bodies: all vehicles, ``bodies[target]`` the observed one with
     velocity_w (m, 3) of the reference point [m/s], omega_w (m, 3) [rad/s], reference_v (3,) the reference point (middle
     of the rear axle, system F of Siegemund 2008, 3.8) in the vehicle frame; track (k,) identifiers and point_v (k, 3)
-    the material point of every track in the vehicle frame (NaN for tracks that are not on the target).
+    the material point of every track in the vehicle frame (NaN for tracks that are not on the target); visible_points
+    (m,) points measured in each frame.
     """
 
     t_s: Float[np.ndarray, "m"]

@@ -165,8 +165,8 @@ def adjust(
     and plain Gauss-Newton creeps. Where the matrix is not positive its eigenvalues enter by magnitude; where a step
     does not lower the cost it is damped (Levenberg-Marquardt, (2.2.6)).
 
-    stop: "decrement" squared Newton decrement below the tolerance; "update" largest parameter change (2.1.19);
-    "relative_update" largest change in units of its standard deviation (2.1.20).
+    stop: "decrement" squared Newton decrement below the tolerance; "update" largest change of a pose
+    [rad, m] (2.1.19); "relative_update" the same in units of its standard deviation (2.1.20). The points follow.
 
     Raises
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
