@@ -360,6 +360,8 @@ class Scenario(Spec):
             raise ValueError(f"rig.frames: the run lasts {self.run_seconds:g} s, allowed are {_LONGEST_S} s")
         if self.render.enabled and self.render.supersample * max(self.rig.size_px) > _LARGEST_PX:
             raise ValueError(f"render.supersample: images of more than {_LARGEST_PX} fine pixels cannot be drawn")
+        if self.render.enabled and not self.world.roadside and all(v.mesh == "point_grid" for v in self.vehicle):
+            raise ValueError("render.enabled: there is nothing to draw but grids of points")
         for i, v in enumerate(self.vehicle):
             if isinstance(v.motion, Labels) and v is not self.target:
                 raise ValueError(f"vehicle.{i}.motion: only the target can replay labels")

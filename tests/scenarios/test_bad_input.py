@@ -67,6 +67,12 @@ def test_wrong_settings(quick_run: Command, setting: str, words: tuple[str, ...]
     refused(quick_run(setting), *words)
 
 
+def test_what_cannot_be_drawn(quick_run: Command) -> None:
+    refused(quick_run("render.enabled=true", "rig.size_px=[16384,16]"), "render.supersample", "16384")
+    grid = "vehicle=[{name='g',mesh='point_grid',motion={kind='straight',start_m=[0,20]}}]"
+    refused(quick_run(grid, quick=("world.roadside=false",)), "render.enabled", "nothing to draw")
+
+
 def test_mistyped_names(command: Command) -> None:
     refused(command("run", "oncoming", "--set", "nonsense"), "--set nonsense", "key.path=value")
     refused(command("run", "oncomming"), "did you mean 'oncoming'")
