@@ -78,8 +78,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 0
-    except Exception:  # the last resort of the process: status 3 and everything a bug report needs
-        traceback.print_exc()
+    except Exception as error:  # the last resort of the process: status 3 and everything a bug report needs
+        from sim.render import RendererUnavailable
+
+        if isinstance(error, RendererUnavailable):
+            errors.print(f"pruefstand: {error}; or --set render.enabled=false", markup=False, highlight=False)
+        else:
+            traceback.print_exc()
         return 3
 
 

@@ -54,18 +54,18 @@ def _row(path: Path, number: int, line: str) -> tuple[int, int, str, list[float]
     return frame, track, parts[2], values
 
 
-def read_track(path: Path, track: int, key: str = "labels") -> LabelTrack:
-    """The rows of one track of a KITTI tracking label file (DontCare rows are passed over).
+def read_track(path: Path, track: int, key: str = "motion") -> LabelTrack:
+    """The rows of one track of a KITTI tracking label file (DontCare rows are passed over); ``key`` of both in errors.
 
     Raises
         ScenarioError: the file cannot be read, a line is broken, or the track is not there.
     """
-    rows = [_row(path, i, line) for i, line in enumerate(_lines(path, key), 1) if line.strip()]
+    rows = [_row(path, i, line) for i, line in enumerate(_lines(path, f"{key}.labels"), 1) if line.strip()]
     rows = [r for r in rows if r[2] != "DontCare"]
     ids = sorted({r[1] for r in rows})
     mine = sorted((r for r in rows if r[1] == track), key=lambda r: r[0])
     if not mine:
-        raise ScenarioError(f"{key}: track {track} is not in {path}, which has {_spans(ids)}")
+        raise ScenarioError(f"{key}.track: track {track} is not in {path}, which has {_spans(ids)}")
     frames = np.array([r[0] for r in mine])
     if len(np.unique(frames)) < len(frames):
         twice = frames[:-1][np.diff(frames) == 0][0]

@@ -143,7 +143,7 @@ def _frame_times(rig: Rig, replay: Replay | None) -> Array:
 def _label(vehicle: Vehicle, index: int) -> LabelTrack | None:
     if not isinstance(vehicle.motion, Labels):
         return None
-    return read_track(vehicle.motion.labels, vehicle.motion.track, f"vehicle.{index}.motion.track")
+    return read_track(vehicle.motion.labels, vehicle.motion.track, f"vehicle.{index}.motion")
 
 
 def _replay(vehicle: Vehicle, label: LabelTrack, model: VehicleModel, ego: Ego) -> Replay:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from sim.render import RendererUnavailable
 from tests.scenarios.conftest import QUICK, Command
 
 LABELS = Path(__file__).resolve().parents[2] / "scenarios" / "data" / "overtaking.txt"
@@ -73,6 +74,16 @@ def test_what_cannot_be_drawn(quick_run: Command) -> None:
     refused(quick_run(grid, quick=("world.roadside=false",)), "render.enabled", "nothing to draw")
 
 
+def test_a_machine_without_opengl_is_one_line(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object) -> None:
+        raise RendererUnavailable("install libegl1")
+
+    monkeypatch.setattr("scenarios.footage.write_footage", fail)
+    result = command("run", "oncoming", "--set", "rig.frames=2")
+    assert result.status == 3
+    assert result.err.strip().splitlines() == ["pruefstand: install libegl1; or --set render.enabled=false"]
+
+
 def test_mistyped_names(command: Command) -> None:
     refused(command("run", "oncoming", "--set", "nonsense"), "--set nonsense", "key.path=value")
     refused(command("run", "oncomming"), "did you mean 'oncoming'")
@@ -100,7 +111,7 @@ def replay(command: Command, *settings: str) -> object:
 
 
 def test_wrong_labels(command: Command, tmp_path: Path) -> None:
-    refused(replay(command, "vehicle.0.motion.labels='none.txt'"), "vehicle.0.motion", "none.txt", "no such file")
+    refused(replay(command, "vehicle.0.motion.labels='none.txt'"), "motion.labels", "none.txt", "no such file")
     refused(replay(command, "vehicle.0.motion.track=9"), "track 9", "overtaking.txt", "tracks 0, 1")
     lines = LABELS.read_text().splitlines()
     copy = tmp_path / "labels.txt"

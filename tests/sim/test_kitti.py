@@ -73,7 +73,7 @@ def test_a_broken_line_is_named(write: Writer, line: str, message: str) -> None:
 def test_a_missing_track_names_those_there(write: Writer) -> None:
     path = write([*GOOD, row(3, 5), DONT_CARE])
     with pytest.raises(ScenarioError, match=r"vehicle\.0\.motion\.track: track 9 is not in .*tracks 2, 5"):
-        read_track(path, 9, "vehicle.0.motion.track")
+        read_track(path, 9, "vehicle.0.motion")
     with pytest.raises(ScenarioError, match="20 tracks between 0 and 19"):
         read_track(write([row(0, i) for i in range(20)]), 99)
     with pytest.raises(ScenarioError, match="no tracks"):
