@@ -222,7 +222,7 @@ class Render(Spec):
     enabled: bool = True
     supersample: Annotated[int, Field(ge=1, le=4)] = 2
     shadows: bool = True
-    blur_px: NonNegative = 0.5
+    blur_px: Annotated[float, Field(ge=0, le=50)] = 0.5
     """Standard deviation of the optical blur."""
     vignetting: Fraction = 0.12
     """Share of the light lost in the corners."""
