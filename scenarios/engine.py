@@ -19,7 +19,7 @@ from sim.scenario import Scenario, ScenarioError, nearest
 from sim.simulate import simulate
 from sim.world import World, build_world
 
-STAGES = ("simulate", "track", "estimate", "report")
+_MEASURED = ("observations/observations.npz", "truth/truth.npz")
 
 
 class Progress(Protocol):
@@ -80,7 +80,8 @@ def _without_estimators(spec: Scenario) -> Scenario:
 
 
 def _simulate(store: Store, spec: Scenario, key: str, progress: Progress) -> None:
-    if store.is_done("simulate", key) and (not spec.render.enabled or store.is_done("render", key)):
+    rendered = not spec.render.enabled or store.is_done("render", key, _pictures(spec))
+    if rendered and store.is_done("simulate", key, _MEASURED):
         progress.say("simulate  from cache")
         store.prepare()
         return
@@ -99,17 +100,22 @@ def _simulate(store: Store, spec: Scenario, key: str, progress: Progress) -> Non
         observations.save(scratch / "observations")
         truth.save(scratch / "truth")
 
-    store.run("simulate", key, ("observations/observations.npz", "truth/truth.npz"), write, started)
+    store.run("simulate", key, _MEASURED, write, started)
     if spec.render.enabled:
         _render(store, spec, world, key, progress)
+
+
+def _pictures(spec: Scenario) -> tuple[str, ...]:
+    """Folders of images that rendering leaves in a run folder."""
+    wanted = {"observations/images": True, "truth/depth": spec.render.truth_images}
+    wanted |= {"truth/instance": spec.render.truth_images, "truth/flow": spec.render.flow}
+    return tuple(folder for folder, yes in wanted.items() if yes)
 
 
 def _render(store: Store, spec: Scenario, world: World, key: str, progress: Progress) -> None:
     from scenarios.footage import write_footage
 
-    kinds = {"observations/images": True, "truth/depth": spec.render.truth_images}
-    kinds |= {"truth/instance": spec.render.truth_images, "truth/flow": spec.render.flow}
-    outputs = tuple(k for k, wanted in kinds.items() if wanted)
+    outputs = _pictures(spec)
     with progress.stage("render", len(world.t_s)) as advance:
 
         def draw(scratch: Path) -> None:

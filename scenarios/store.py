@@ -133,8 +133,10 @@ class Store:
     def _write(self) -> None:
         write_text(self.folder / "provenance.json", json.dumps(self.provenance, indent=1) + "\n")
 
-    def is_done(self, stage: str, key: str) -> bool:
-        return bool(self.provenance["stages"].get(stage, {}).get("key") == key)
+    def is_done(self, stage: str, key: str, outputs: tuple[str, ...]) -> bool:
+        """Whether the stage was finished with these inputs and its outputs are still there."""
+        known = self.provenance["stages"].get(stage, {}).get("key") == key
+        return known and all((self.folder / o).exists() for o in outputs)
 
     def run(
         self,
@@ -148,7 +150,7 @@ class Store:
 
         Returns whether it ran. Where work raises, nothing of it stays. ``started`` (perf_counter) counts earlier work.
         """
-        if self.is_done(stage, key) and all((self.folder / o).exists() for o in outputs):
+        if self.is_done(stage, key, outputs):
             return False
         self.provenance["stages"].pop(stage, None)
         self._write()

@@ -47,6 +47,17 @@ def test_finished_stages_come_from_the_cache(quick_run: Command) -> None:
     assert (RUN / "observations/observations.npz").stat().st_mtime_ns == before
 
 
+def test_what_was_deleted_is_made_again(quick_run: Command) -> None:
+    quick_run()
+    observed, truth = (RUN / p for p in ("observations/observations.npz", "truth/truth.npz"))
+    before = observed.read_bytes()
+    truth.unlink()
+    observed.unlink()
+    assert quick_run().status == 0
+    assert truth.exists()
+    assert observed.read_bytes() == before
+
+
 def test_results_of_another_configuration_are_refused_then_replaced(quick_run: Command) -> None:
     quick_run()
     refused = quick_run("measure.sigma_px=0.3")
