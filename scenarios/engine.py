@@ -95,6 +95,7 @@ def _simulate(store: Store, spec: Scenario, key: str, progress: Progress) -> Non
         names = tuple((image_name(SIDES[0], k), image_name(SIDES[1], k)) for k in range(len(world.t_s)))
         observations = dataclasses.replace(observations, images=names)
     store.prepare()
+    store.clear()
 
     def write(scratch: Path) -> None:
         observations.save(scratch / "observations")

@@ -126,7 +126,9 @@ def read(name_or_file: str, settings: Sequence[str] = (), seed: int | None = Non
         return run_model().model_validate(data)
     except ValidationError as error:
         message = explain(error, run_model())
-        raise ScenarioError(f"{'--set' if any(t in message for t in touched) else path.name}: {message}") from error
+        by_seed = seed is not None and message.startswith("seed:")
+        origin = "--seed" if by_seed else "--set" if any(t in message for t in touched) else path.name
+        raise ScenarioError(f"{origin}: {message}") from error
 
 
 def _apply(data: dict[str, Any], setting: str) -> str:

@@ -33,6 +33,8 @@ _CODE = {
     "report": ("sim", "estimators", "reports"),
 }
 
+_REPORTED = ("report.html", "metrics.csv", "errors.parquet", "figures")
+
 
 def digest(*parts: Any) -> str:
     """SHA-256 of JSON-serialisable parts."""
@@ -126,9 +128,31 @@ class Store:
         for stale in self.folder.glob(".stage-*"):
             shutil.rmtree(stale, ignore_errors=True)
         resolved = self.spec.model_dump(mode="json", by_alias=True)
+        self._forget_all_but({e["label"] or e["name"] for e in resolved["estimator"]})
         write_text(self.folder / "scenario.json", json.dumps(resolved, indent=1) + "\n")
         self.provenance |= {"git_commit": git_commit(), "versions": versions()}
         self._write()
+
+    def _forget_all_but(self, labels: set[str]) -> None:
+        """Removes the estimates of estimators that are no longer part of the scenario."""
+        for stage in list(self.provenance["stages"]):
+            kind, _, label = stage.partition(" ")
+            if kind == "estimate" and label not in labels:
+                del self.provenance["stages"][stage]
+                self._discard(f"estimates/{label}")
+
+    def clear(self) -> None:
+        """Removes all results: they follow from a simulation that is about to be replaced."""
+        self._discard("observations", "truth", "estimates", *_REPORTED)
+        self.provenance["stages"].clear()
+        self._write()
+
+    def _discard(self, *names: str) -> None:
+        for path in (self.folder / name for name in names):
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
 
     def _write(self) -> None:
         write_text(self.folder / "provenance.json", json.dumps(self.provenance, indent=1) + "\n")

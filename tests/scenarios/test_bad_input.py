@@ -90,6 +90,7 @@ def test_mistyped_names(command: Command) -> None:
     refused(command("runn", "oncoming"), "did you mean 'run'")
     refused(command("run", "oncoming", "--sed", "3", "--estmator", "x"), "--estmator")
     refused(command("run"), "NAME|FILE.toml")
+    refused(command("run", "oncoming", "--seed", "-3"), "--seed: seed", "-3")
     refused(command("evaluate"), "evaluate")
     refused(command("run", "oncoming", "--estimator", "estimated second ordr"), "did you mean 'estimated second order'")
 

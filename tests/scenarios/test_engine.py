@@ -74,6 +74,16 @@ def test_results_of_another_configuration_are_refused_then_replaced(quick_run: C
     assert crb[1] == pytest.approx(1.5 * crb[0], rel=1e-6)  # the bound is linear in sigma
 
 
+def test_nothing_of_a_replaced_configuration_stays(quick_run: Command) -> None:
+    quick_run()
+    label = "estimator.0.label='other'"
+    assert quick_run(label, "--overwrite").status == 0
+    assert [p.name for p in (RUN / "estimates").iterdir()] == ["other"]
+    assert set(json.loads((RUN / "provenance.json").read_text())["stages"]) == {"simulate", "estimate other"}
+    assert quick_run(label, "measure.sigma_px=0.3", "--overwrite", "--stage", "simulate").status == 0
+    assert sorted(p.name for p in RUN.iterdir()) == ["observations", "provenance.json", "scenario.json", "truth"]
+
+
 def test_stages_stop_where_asked(quick_run: Command) -> None:
     assert quick_run("--stage", "simulate").status == 0
     assert not (RUN / "estimates").exists()
