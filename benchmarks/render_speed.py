@@ -1,7 +1,7 @@
 """A view by our renderer at 2x with shadows against stock pyrender at 1x with multisampling and shadows.
 
 Three cars on a road at 1024 x 768; the same meshes, textures, poses and sun, alternating in one process. Prints
-the median times and the median of the ratios.
+the median times and the median of the ratios; then the time of a view of the whole street of `oncoming`.
 
     python benchmarks/render_speed.py [--repeats N]
 """
@@ -15,13 +15,16 @@ from collections.abc import Callable
 
 import numpy as np
 
+from scenarios import footage, spec
 from sim.camera import Camera
 from sim.meshes import make_vehicle
 from sim.model import Model, Surface
 from sim.pose import R_WORLD_FROM_LEVEL_CAMERA, Pose, vehicle_rotation
 from sim.render import Item, Light, Renderer
 from sim.textures import asphalt, to_texture
+from sim.world import build_world
 
+Array = np.ndarray
 SIZE, FOCAL_PX = (1024, 768), 1000.0
 T_WC = Pose(R_WORLD_FROM_LEVEL_CAMERA, np.array([0.0, 0, 1.2]))
 TO_SUN = Light.daylight().to_sun
@@ -94,6 +97,21 @@ def stock(items: list[Item], poses: list[Pose]) -> Callable[[], object]:
     return lambda: renderer.render(scene, flags=pyrender.RenderFlags.SHADOWS_DIRECTIONAL)
 
 
+def street(repeats: int) -> Array:
+    """Seconds of a view (colour, depth, instance; left and right share the shadows) in frames spread over the run."""
+    scenario = spec.read("oncoming")
+    world = build_world(scenario)
+    road_light = Light.daylight(scenario.world.sun_azimuth_deg, scenario.world.sun_elevation_deg)
+    with Renderer(footage.items(world), road_light) as renderer:
+
+        def pair(t: float) -> object:
+            return renderer.render_stereo(world.rig, world.T_wc(t), footage.item_poses(world, t))
+
+        times = np.linspace(0, world.t_s[-1], repeats + 1)
+        pair(times[0])
+        return np.array([seconds(lambda t=t: pair(t)) / 2 for t in times[1:]])
+
+
 def seconds(call: Callable[[], object]) -> float:
     start = time.perf_counter()
     call()
@@ -114,6 +132,7 @@ def main() -> None:
     print(f"ours, 2x, shadows      {np.median(t[:, 0]):7.1f} ms")
     print(f"stock, MSAA, shadows   {np.median(t[:, 1]):7.1f} ms")
     print(f"median ratio           {np.median(t[:, 0] / t[:, 1]):7.2f}")
+    print(f"a view of the street   {np.median(street(repeats)) * 1000:7.1f} ms")
 
 
 if __name__ == "__main__":
