@@ -12,6 +12,7 @@ import argparse
 import platform
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -109,7 +110,7 @@ def street(repeats: int) -> Array:
 
         times = np.linspace(0, world.t_s[-1], repeats + 1)
         pair(times[0])
-        return np.array([seconds(lambda t=t: pair(t)) / 2 for t in times[1:]])
+        return np.array([seconds(partial(pair, t)) / 2 for t in times[1:]])
 
 
 def seconds(call: Callable[[], object]) -> float:
