@@ -63,9 +63,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     errors = Console(stderr=True, soft_wrap=True)
     try:
+        status = _obey(arguments, errors)
+        sys.stdout.flush()
+        return status
+    except BrokenPipeError:  # the reader has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _obey(arguments: Sequence[str], errors: Console) -> int:
+    """Runs one command; every way it can end is an exit status."""
+    try:
         if arguments and not arguments[0].startswith("-") and arguments[0] not in _COMMANDS:
             raise ScenarioError(f"no command {arguments[0]!r}, {nearest(arguments[0], list(_COMMANDS))}")
-        parsed = _parser().parse_args(arguments or ["--help"])
+        try:
+            parsed = _parser().parse_args(arguments or ["--help"])
+        except SystemExit:  # argparse has printed its help
+            return 0
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: errors.print(f"pruefstand: warning: {message}", markup=False)
             return _dispatch(parsed)
@@ -76,8 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         errors.print("pruefstand: interrupted", markup=False, highlight=False)
         return 3
     except BrokenPipeError:
-        sys.stderr.close()
-        return 0
+        raise
     except Exception as error:  # the last resort of the process: status 3 and everything a bug report needs
         from sim.render import RendererUnavailable
 
