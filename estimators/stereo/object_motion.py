@@ -10,47 +10,51 @@ source's T <- exp(dr) T + dT (3.1.33), far better conditioned. Linearised (the t
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimators.gauss_markov import (
-    Blocks,
-    Reduced,
-    SingularSystem,
-    Spectrum,
-    inverse_spd,
-    normal_blocks,
-    reduce_points,
-    spectrum,
-    sum_by,
+from estimators.gauss_markov import Reduced, SingularSystem, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.stereo.depth_bias import ObservationModel
+from estimators.stereo.kernel import (
+    CONVERGED,
+    EXHAUSTED,
+    STUCK,
+    UNDETERMINED_TRACK,
+    UNOBSERVED_POSE,
+    descend,
+    layout,
+    mean_points,
+    points_of,
+    weights_of,
 )
-from sim.pose import exp_so3, hat, left_jacobian, log_so3
+from sim.pose import hat, left_jacobian, log_so3
 
 Array = np.ndarray
 Stop = Literal["decrement", "update", "relative_update"]
-_TRIES = 14
-# Weights that follow the points need not lead to a fixed point where outliers rule; after so many iterations they stay.
-_REWEIGHTED = 20
-# At rough start values Newton's curvature belongs to residuals that one linear step takes away: it misleads.
-_GAUSS_NEWTON_STEPS = 3
+_STOPS: tuple[Stop, ...] = ("decrement", "update", "relative_update")
+_FAILURES = {
+    UNDETERMINED_TRACK: "a track is not determined",
+    UNOBSERVED_POSE: "a pose is not observed",
+    STUCK: "no step decreases the cost",
+    EXHAUSTED: "no convergence within {} iterations",
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
     """Observations of one window: frame (k,) in 0..m-1, point (k,) in 0..n-1, triangulated points l (k, 3).
 
-    ``model(Y)`` gives for the current points Y (k, 3) in the camera frame the corrected observations (k, 3) and the
-    weights W (k, 3, 3) that hold there.
+    ``model`` says what they weigh; ``model(Y)`` gives for points Y (k, 3) in the camera frame the corrected
+    observations (k, 3) and the weights W (k, 3, 3) that hold there.
     """
 
     frame: Int[Array, "k"]
     point: Int[Array, "k"]
     l: Float[Array, "k 3"]
-    model: Callable[[Array], tuple[Array, Array]]
+    model: ObservationModel
     m: int
     n: int
 
@@ -67,23 +71,10 @@ class Solution:
     iterations: int
 
 
-def solve_points(problem: Problem, R: Array, T: Array, observed: Array, W: Array) -> Array:
-    """Best points for given poses: X_i = (sum R'WR)^-1 sum R'W (l - T)."""
-    R_k = R[problem.frame]
-    WR = W @ R_k
-    N_inv = inverse_spd(sum_by(problem.point, np.swapaxes(R_k, 1, 2) @ WR, problem.n), "a track is not determined")
-    b = sum_by(problem.point, np.einsum("kab,ka->kb", WR, observed - T[problem.frame]), problem.n)
-    return np.asarray((N_inv @ b[:, :, None])[:, :, 0])
-
-
 def points_by_mean(problem: Problem, R: Array, T: Array) -> Array:
     """Start values of the points: mean over the frames of the points in the object frame, (3.7.13)."""
     X_k = np.einsum("kba,kb->ka", R[problem.frame], problem.l - T[problem.frame])
     return np.asarray(sum_by(problem.point, X_k, problem.n) / np.bincount(problem.point, minlength=problem.n)[:, None])
-
-
-def _camera_points(problem: Problem, R: Array, T: Array, X: Array) -> Array:
-    return np.asarray((R[problem.frame] @ X[problem.point][:, :, None])[:, :, 0] + T[problem.frame])
 
 
 def design(R_k: Float[Array, "k 3 3"], X_k: Float[Array, "k 3"]) -> Float[Array, "k 3 6"]:
@@ -112,30 +103,6 @@ def align(X: Float[Array, "n 3"], to: Float[Array, "n 3"]) -> tuple[Float[Array,
     return Q, b - Q @ a
 
 
-def _curved(blocks: Blocks, R_k: Array, X_k: Array, g: Array) -> Blocks:
-    """Adds the second derivatives of the model, which Gauss-Newton drops, so that the step is Newton's.
-
-    With g = W v, a = R X: g'(dr x (dr x a))/2 + g'(dr x R dX) is the term of second order of the cost.
-    """
-    a = (R_k @ X_k[:, :, None])[:, :, 0]
-    ga = g[:, :, None] * a[:, None, :]
-    N_pp, N_pX = blocks.N_pp.copy(), blocks.N_pX.copy()
-    N_pp[:, :3, :3] += (ga + np.swapaxes(ga, 1, 2)) / 2 - np.sum(g * a, axis=1)[:, None, None] * np.eye(3)
-    N_pX[:, :3] -= hat(g) @ R_k
-    return replace(blocks, N_pp=N_pp, N_pX=N_pX)
-
-
-def _system(problem: Problem, R: Array, X: Array, residual: Array, W: Array, newton: bool) -> tuple[Spectrum, Array]:
-    """Spectrum and right side of the reduced system, Newton's or Gauss-Newton's, at poses and their best points."""
-    R_k, X_k = R[problem.frame], X[problem.point]
-    blocks = normal_blocks(design(R_k, X_k), R_k, W, residual)
-    scale = np.sqrt(np.einsum("tpp->tp", sum_by(problem.frame, blocks.N_pp, problem.m))).ravel()
-    if newton:
-        blocks = _curved(blocks, R_k, X_k, -(W @ residual[:, :, None])[:, :, 0])
-    reduced = reduce_points(problem.frame, problem.point, blocks, problem.m, problem.n)
-    return spectrum(reduced.S, scale, null_space(R)), reduced.rhs
-
-
 def pose_covariance(frame: Array, point: Array, R: Array, X: Array, W: Array) -> tuple[Float[Array, "p p"], Reduced]:
     """Covariance (6m, 6m) of the poses in the datum without null-space share, (2.1.21), and the reduced system."""
     R_k = R[frame]
@@ -143,12 +110,6 @@ def pose_covariance(frame: Array, point: Array, R: Array, X: Array, W: Array) ->
     reduced = reduce_points(frame, point, blocks, len(R), len(X))
     scale = np.sqrt(np.clip(np.diag(reduced.S), 0, None))
     return spectrum(reduced.S, scale, null_space(R)).inverse(), reduced
-
-
-def _cost(problem: Problem, R: Array, T: Array, observed: Array, W: Array) -> tuple[float, Array]:
-    X = solve_points(problem, R, T, observed, W)
-    v = _camera_points(problem, R, T, X) - observed
-    return float(np.einsum("ka,kab,kb->", v, W, v)), X
 
 
 def adjust(
@@ -163,48 +124,27 @@ def adjust(
 
     Far objects need the second derivatives that Gauss-Newton drops: their residuals are large against the curvature,
     and plain Gauss-Newton creeps. Where the matrix is not positive its eigenvalues enter by magnitude; where a step
-    does not lower the cost it is damped (Levenberg-Marquardt, (2.2.6)).
+    does not lower the cost it is damped (Levenberg-Marquardt, (2.2.6)). The loop is `kernel.descend`.
 
-    stop: "decrement" squared Newton decrement below the tolerance; "update" largest change of a pose
-    [rad, m] (2.1.19); "relative_update" the same in units of its standard deviation (2.1.20). The points follow.
+    stop: "decrement" squared Newton decrement below the tolerance; "update" largest parameter change (2.1.19);
+    "relative_update" largest change in units of its standard deviation (2.1.20).
 
     Raises
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
     """
-    X = points_by_mean(problem, R, T)
-    observed, W = problem.model(_camera_points(problem, R, T, X))
-    damping = 0.0
-    for iteration in range(1, max_iterations + 1):
-        if iteration <= _REWEIGHTED:
-            observed, W = problem.model(_camera_points(problem, R, T, X))
-        cost, X = _cost(problem, R, T, observed, W)
-        residual = observed - _camera_points(problem, R, T, X)
-        system, rhs = _system(problem, R, X, residual, W, iteration > _GAUSS_NEWTON_STEPS)
-        for _ in range(_TRIES):
-            dp = system.solve(rhs, damping).reshape(problem.m, 6)
-            R_new, T_new = exp_so3(dp[:, :3]) @ R, T + dp[:, 3:]
-            cost_new, X_new = _cost(problem, R_new, T_new, observed, W)
-            if cost_new <= cost * (1 + 1e-12) + 1e-12:
-                damping = damping / 10 if damping > 1e-7 else 0.0
-                break
-            damping = max(10 * damping, 1e-6)
-        else:
-            raise SingularSystem("no step decreases the cost")
-        R, T, X, cost = R_new, T_new, X_new, cost_new
-        if damping == 0.0 and _measure(stop, problem, R, X, W, dp, float(rhs @ system.solve(rhs))) < tolerance:
-            return Solution(R, T, X, W, cost, iteration)
-    raise SingularSystem(f"no convergence within {max_iterations} iterations")
-
-
-def _measure(stop: Stop, problem: Problem, R: Array, X: Array, W: Array, dp: Array, decrement: float) -> float:
-    """What the chosen stop criterion compares with its tolerance."""
-    if stop == "decrement":
-        return decrement
-    change = np.abs(dp.ravel())
-    if stop == "relative_update":
-        Sigma, _ = pose_covariance(problem.frame, problem.point, R, X, W)
-        change = change / np.sqrt(np.diag(Sigma))
-    return float(change.max())
+    model, R, T = problem.model, np.array(R, float), np.array(T, float)
+    tiles = layout(problem.frame, problem.point, problem.m, problem.n)
+    model.fill(tiles)
+    X = mean_points(tiles, problem.frame, problem.point, problem.l, R, T)
+    T_rl = model.rig.T_rl
+    arguments = (tiles, model.W is None, model.second_order, T_rl.R, T_rl.t, R, T, X)
+    try:
+        status, iterations, cost = descend(*arguments, _STOPS.index(stop), tolerance, max_iterations)
+    except np.linalg.LinAlgError as error:
+        raise SingularSystem("the motion is not determined by the tracks") from error
+    if status != CONVERGED:
+        raise SingularSystem(_FAILURES[status].format(max_iterations))
+    return Solution(R, T, points_of(tiles, X), weights_of(tiles), cost, iterations)
 
 
 def motion_covariance(

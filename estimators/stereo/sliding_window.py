@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -25,7 +25,7 @@ from estimators.stereo.object_motion import (
     points_by_mean,
     redundancy,
 )
-from estimators.stereo.triangulation import triangulate
+from estimators.stereo.triangulation import triangulate, undistorted
 from estimators.stereo.vehicle import interpret
 from sim.camera import StereoRig
 from sim.observations import Observations
@@ -40,8 +40,9 @@ _EASY, _SURPRISE = 6, 1.5
 
 @dataclass(frozen=True, eq=False)
 class _Points:
-    """Triangulated observations of the whole sequence, flat, in front of the cameras."""
+    """Triangulated observations of the whole sequence, flat, in front of the cameras of an undistorted rig."""
 
+    rig: StereoRig
     frame: Int[Array, "k"]
     track: Int[Array, "k"]
     l: Float[Array, "k 3"]
@@ -126,7 +127,7 @@ class SlidingWindowAdjustment:
             return EstimationFailed(
                 "the newest frame shares fewer than three tracks with the window", ("the tracks are too short",)
             )
-        problem, tracks = _problem(observations.rig, points, rows, frames, self)
+        problem, tracks = _problem(points, rows, frames, self)
         propagated = _propagated(observations.t_s, frames, previous)
         try:
             start, solution = self._best(problem, propagated)
@@ -204,20 +205,19 @@ def _finished(
 
 def _triangulated(observations: Observations) -> _Points:
     tracks = observations.tracks
-    l, C = triangulate(observations.rig, tracks.uv, tracks.cov)
+    rig, uv, cov = undistorted(observations.rig, tracks.uv, tracks.cov)
+    l, C = triangulate(rig, uv, cov)
     good = np.isfinite(l).all(axis=1)
-    return _Points(tracks.frame[good], tracks.track[good], l[good], C[good], np.linalg.inv(tracks.cov[good]))
+    return _Points(rig, tracks.frame[good], tracks.track[good], l[good], C[good], np.linalg.inv(cov[good]))
 
 
 def _problem(
-    rig: StereoRig, points: _Points, rows: Array, frames: Array, config: SlidingWindowAdjustment
+    points: _Points, rows: Array, frames: Array, config: SlidingWindowAdjustment
 ) -> tuple[Problem, Int[Array, "n"]]:
     tracks, point = np.unique(points.track[rows], return_inverse=True)
     frame = np.searchsorted(frames, points.frame[rows])
     l = points.l[rows]
-    model: Callable[[Array], tuple[Array, Array]] = observation_model(
-        rig, l, points.C[rows], points.W_uv[rows], config.weights, config.second_order
-    )
+    model = observation_model(points.rig, l, points.C[rows], points.W_uv[rows], config.weights, config.second_order)
     return Problem(frame, point, l, model, len(frames), len(tracks)), tracks
 
 

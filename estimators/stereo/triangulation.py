@@ -11,12 +11,28 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float
 
+from estimators.stereo.kernel import FAR_M as FAR_M
 from sim.camera import Camera, StereoRig
 
 Array = np.ndarray
 
-# Beyond, the rays are parallel to any camera's accuracy and the normal equations singular to double precision.
-FAR_M = 1e5
+
+def undistorted(
+    rig: StereoRig, uv: Float[Array, "n 4"], cov: Float[Array, "n 4 4"]
+) -> tuple[StereoRig, Float[Array, "n 4"], Float[Array, "n 4 4"]]:
+    """The same observations as cameras without distortion would have made them, covariance by linear propagation.
+
+    NaN where no ray belongs to a pixel.
+    """
+    if not (rig.left.is_distorted or rig.right.is_distorted):
+        return rig, uv, cov
+    ideal = StereoRig(Camera(rig.left.K, rig.left.size_px), Camera(rig.right.K, rig.right.size_px), rig.T_rl)
+    J, uv_ideal = np.zeros((len(uv), 4, 4)), np.empty_like(uv)
+    for camera, part in ((rig.left, slice(0, 2)), (rig.right, slice(2, 4))):
+        xy = camera.normalise(uv[:, part])
+        uv_ideal[:, part] = camera.to_pixels(xy)
+        J[:, part, part] = camera.K[:2, :2] @ camera.normalise_jacobian(xy)
+    return ideal, uv_ideal, J @ cov @ np.swapaxes(J, 1, 2)
 
 
 def _normal_case(rig: StereoRig, uv: Array) -> Array:

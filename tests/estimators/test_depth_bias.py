@@ -67,6 +67,19 @@ def test_where_the_points_are_lost_the_observed_place_serves(triangulated: dict[
     np.testing.assert_allclose(W[:2], information(triangulated["rig"], triangulated["l"], triangulated["W_uv"])[:2])
 
 
+def test_distorted_cameras_are_refused(triangulated: dict[str, Any], rigs: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="undistorted"):
+        observation_model(**{**triangulated, "rig": rigs["general"]}, weights="estimated", second_order=True)
+
+
+@pytest.mark.parametrize("weights", ["observed", "averaged", "estimated"])
+def test_a_model_of_some_observations_says_the_same_of_them(triangulated: dict[str, Any], weights: Any) -> None:
+    model = observation_model(**triangulated, weights=weights, second_order=True)
+    Y, rows = triangulated["l"] + 0.1, np.arange(len(triangulated["l"])) % 3 == 0
+    for part, whole in zip(model.select(rows)(Y[rows]), model(Y), strict=True):
+        np.testing.assert_array_equal(part, whole[rows])
+
+
 @pytest.fixture(scope="module")
 def depth_error(make_scene: Callable[..., Any]) -> Callable[..., tuple[float, float]]:
     """Mean depth error [m] of the cloud in the last frame at 35 m, and its standard error, over pairs of runs.

@@ -15,7 +15,6 @@ from estimators.stereo.initial_values import from_cloud
 from estimators.stereo.object_motion import (
     Problem,
     Stop,
-    _curved,
     adjust,
     align,
     design,
@@ -23,9 +22,8 @@ from estimators.stereo.object_motion import (
     null_space,
     points_by_mean,
     redundancy,
-    solve_points,
 )
-from estimators.stereo.triangulation import triangulate
+from estimators.stereo.triangulation import triangulate, undistorted
 from sim.pose import exp_so3, log_so3
 
 Array = np.ndarray
@@ -36,8 +34,9 @@ def make_problem(
     scene: Any, sigma_px: float = 0.0, keep: Array | None = None, weights: Weights = "estimated"
 ) -> Problem:
     o = scene.observe(sigma_px, 1, keep)
-    l, C = triangulate(scene.rig, o.tracks.uv, o.tracks.cov)
-    model = observation_model(scene.rig, l, C, np.linalg.inv(o.tracks.cov), weights, sigma_px > 0)
+    rig, uv, cov = undistorted(scene.rig, o.tracks.uv, o.tracks.cov)
+    l, C = triangulate(rig, uv, cov)
+    model = observation_model(rig, l, C, np.linalg.inv(cov), weights, sigma_px > 0)
     return Problem(o.tracks.frame, o.tracks.track, l, model, len(scene.t_s), len(scene.X))
 
 
@@ -64,38 +63,6 @@ def test_design_by_finite_differences(small: Any) -> None:
         np.testing.assert_allclose(A[:, :, j], (f[0] - f[1]) / (2 * h), atol=1e-8)
 
 
-def test_gradient_and_curvature_of_the_cost(small: Any) -> None:
-    """The reduced system is half the gradient and half the Hessian of the cost over the poses, points re-solved."""
-    problem = make_problem(small, 1.0, some_missing(4, 9), "observed")
-    observed, W = problem.model(problem.l)
-    R, T = small.T_co.R.copy(), small.T_co.t.copy()
-
-    def gradient(dp: Array) -> Array:
-        """Analytic by the envelope theorem: only the poses move, the points are best."""
-        d = dp.reshape(4, 6)
-        R_d, T_d = exp_so3(d[:, :3]) @ R, T + d[:, 3:]
-        X = solve_points(problem, R_d, T_d, observed, W)
-        v = np.einsum("kab,kb->ka", R_d[problem.frame], X[problem.point]) + T_d[problem.frame] - observed
-        return np.asarray(np.einsum("ka,kab,kb->", v, W, v))
-
-    X = solve_points(problem, R, T, observed, W)
-    R_k, X_k = R[problem.frame], X[problem.point]
-    residual = observed - np.einsum("kab,kb->ka", R_k, X_k) - T[problem.frame]
-    blocks = normal_blocks(design(R_k, X_k), R_k, W, residual)
-    curved = _curved(blocks, R_k, X_k, -(W @ residual[:, :, None])[:, :, 0])
-    reduced = reduce_points(problem.frame, problem.point, curved, 4, 9)
-    h = np.tile([1e-4] * 3 + [1e-3] * 3, 4)
-    E = np.diag(h)
-    cost = np.array([[gradient(a * E[i] + b * E[j]) for a, b in ((1, 1), (1, -1), (-1, 1), (-1, -1))]
-                     for i in range(24) for j in range(24)]).reshape(24, 24, 4)  # fmt: skip
-    hessian = (cost[..., 0] - cost[..., 1] - cost[..., 2] + cost[..., 3]) / (4 * np.outer(h, h))
-    slope = np.array([(gradient(e) - gradient(-e)) for e in E]) / (2 * h)
-    # In units of the diagonal; truncation h² = 1e-6 relative to curvature, rounding 1e-12 of the cost / h².
-    unit = np.sqrt(np.diag(reduced.S))
-    np.testing.assert_allclose(reduced.rhs / unit, -slope / 2 / unit, atol=2e-3)
-    np.testing.assert_allclose(reduced.S / np.outer(unit, unit), hessian / 2 / np.outer(unit, unit), atol=2e-4)
-
-
 def test_moving_the_object_frame_alone_costs_nothing(small: Any) -> None:
     problem = make_problem(small)
     _, W = problem.model(problem.l)
@@ -110,12 +77,9 @@ def test_moving_the_object_frame_alone_costs_nothing(small: Any) -> None:
     assert np.sum(np.linalg.eigvalsh(S / np.outer(unit, unit)) > 1e-9) == 24 - 6
 
 
-def test_points_of_given_poses(small: Any) -> None:
-    problem = make_problem(small, keep=some_missing(4, 9))
-    observed, W = problem.model(problem.l)
-    for X in (solve_points(problem, small.T_co.R, small.T_co.t, observed, W),
-              points_by_mean(problem, small.T_co.R, small.T_co.t)):  # fmt: skip
-        np.testing.assert_allclose(X, small.X, atol=1e-9)
+def test_mean_points_of_given_poses(small: Any) -> None:
+    X = points_by_mean(make_problem(small, keep=some_missing(4, 9)), small.T_co.R, small.T_co.t)
+    np.testing.assert_allclose(X, small.X, atol=1e-9)
 
 
 def test_align_finds_the_rigid_motion_and_never_mirrors() -> None:
@@ -197,11 +161,9 @@ def test_optimum_is_scipy_s(make_scene: Maker) -> None:
     np.testing.assert_allclose(s.T[1:] - (s.R[1:] @ s.R[0].T @ s.T[0]), d[:, 3:], atol=2e-5)
 
 
-def test_redundancy_counts_the_datum() -> None:
+def test_redundancy_counts_the_datum(make_scene: Maker) -> None:
     """Three frames and four points, all seen: 36 coordinates, 18 + 12 unknowns, 6 of them datum."""
-    frame, point = np.divmod(np.arange(12), 4)
-    l = np.zeros((12, 3))
-    assert redundancy(Problem(frame, point, l, lambda Y: (Y, np.zeros((12, 3, 3))), 3, 4)) == 36 - 30 + 6
+    assert redundancy(make_problem(make_scene(points=4, frames=3))) == 36 - 30 + 6
 
 
 def functionals(R: Array, T: Array, X: Array, X_0: Array) -> tuple[Array, Array]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.stereo.triangulation import information, second_order_bias, triangulate, unscented
+from estimators.stereo.triangulation import information, second_order_bias, triangulate, undistorted, unscented
 from sim.camera import StereoRig
 
 Array = np.ndarray
@@ -155,3 +155,20 @@ def test_nothing_gives_nothing(rigs: dict[str, StereoRig], kind: str) -> None:
     l, C = triangulate(rigs[kind], np.empty((0, 4)), np.empty((0, 4, 4)))
     assert l.shape == (0, 3)
     assert C.shape == (0, 3, 3)
+
+
+def test_undistorted_observations_see_the_same_points_as_accurately(rigs: dict[str, StereoRig]) -> None:
+    rng = np.random.default_rng(4)
+    uv = rigs["general"].project(POINTS)
+    half = rng.normal(size=(4, 4, 4))
+    cov = half @ np.swapaxes(half, 1, 2)
+    rig, uv_ideal, cov_ideal = undistorted(rigs["general"], uv, cov)
+    assert not rig.left.is_distorted
+    np.testing.assert_allclose(uv_ideal, rig.project(POINTS), atol=1e-9)
+    # What they say of the points' accuracy does not change.
+    before = information(rigs["general"], POINTS, np.linalg.inv(cov))
+    after = information(rig, POINTS, np.linalg.inv(cov_ideal))
+    np.testing.assert_allclose(after, before, rtol=1e-8, atol=1e-8 * np.abs(before).max())
+    same = undistorted(rigs["normal"], uv, cov)
+    assert same[0] is rigs["normal"]
+    np.testing.assert_array_equal(same[1], uv)

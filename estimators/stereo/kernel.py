@@ -1,0 +1,653 @@
+"""The hot loop of the adjustment, compiled: observations in tiles, passes over them, steps down to the optimum.
+
+It does what `object_motion` describes; the formulas are written out so that sixteen tracks go through them at once.
+All is in one module because the compiler's cache looks at the source file of a function alone: split, a change in one
+file would leave the others' old machine code in use.
+
+A tile holds ``LANES`` tracks of about the same life, a cell one frame of a tile. Every number of a cell is a row of
+``LANES`` values, so that the loops over lanes become vector instructions; a track that is not seen in a cell has the
+weight zero there. Rows are addressed in flat arrays, (cell * columns + column) * LANES + lane, with constants only:
+then the compiler knows that they do not overlap.
+
+Per point: N_XX = sum R'WR = L L'. Per frame: sums of N_pp, b_p; the reduced matrix is S = N_pp - Z'Z with
+Z = L^-1 N_Xp, (3.5.6). With the points best for the poses b_X is zero and the right side is b_p.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, no_type_check
+
+import numba
+import numpy as np
+
+Array = np.ndarray
+
+# Beyond, the rays are parallel to any camera's accuracy and the normal equations singular to double precision.
+FAR_M = 1e5
+# Nearer, a point of an adjustment is lost.
+NEAR_M = 0.1
+
+# Fewer iterations the compiler does not turn into vector instructions.
+LANES = 16
+# Columns of a cell: the point l, the weights of its four ideal image coordinates (upper triangle, by rows);
+SEEN = 13
+# the corrected observation and its weights (upper triangle, by rows).
+FIT = 9
+
+# Columns of a tile's points: X; the Cholesky factor of N_XX as 1/L00, L10, L20, 1/L11, L21, 1/L22.
+_POINT, _FACTOR = 3, 6
+# Sums of a frame: N_pp by blocks (rotation 6, mixed 9, translation 6), b_p 6, and the diagonal of the rotation's block
+# without the curvature.
+_SUMS = 30
+# Tiles whose points leave the normal equations by one product, and the length of a row of Z then.
+_BATCH = 4
+_WIDTH = 3 * LANES * _BATCH
+# Rows of S that are made at once: the upper triangle only, in blocks of some size.
+_BLOCK = 30
+
+CONVERGED, UNDETERMINED_TRACK, UNOBSERVED_POSE, STUCK, EXHAUSTED = range(5)
+DECREMENT, UPDATE, RELATIVE_UPDATE = range(3)
+
+_TRIES = 14
+# Weights that follow the points need not lead to a fixed point where outliers rule; after so many iterations they stay.
+_REWEIGHTED = 20
+# At rough start values Newton's curvature belongs to residuals that one linear step takes away: it misleads.
+_GAUSS_NEWTON_STEPS = 3
+# Below, a pivot of a matrix with unit diagonal may be rounding.
+_PIVOT = 1e-13
+
+# Contraction alone gives fused multiply-adds and leaves NaN and the order of sums as they are.
+compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+
+
+class Tiles(NamedTuple):
+    """Layout and observations of one window; m frames, q tiles, c cells, k observations, n points.
+
+    start (q + 1,) first cell of each tile; first (q,) its first frame; seen (c * SEEN * LANES,) and fit
+    (c * FIT * LANES,) numbers of the cells; unused (q * LANES,) one for lanes without a track; slot (k,) cell * LANES +
+    lane of each observation; lane (n,) tile * LANES + lane of each point.
+    """
+
+    start: Array
+    first: Array
+    seen: Array
+    fit: Array
+    unused: Array
+    slot: Array
+    lane: Array
+
+
+@compiled
+@no_type_check
+def rows(values: Array, columns: int, i: int) -> Array:
+    """The rows of cell, tile or frame i."""
+    return values[i * columns * LANES : (i + 1) * columns * LANES]
+
+
+@compiled
+@no_type_check
+def layout(frame: Array, point: Array, m: int, n: int) -> Tiles:
+    """Tracks sorted by their life, sixteen to a tile; no observations yet."""
+    first, last = np.full(n, m), np.full(n, -1)
+    for k in range(len(frame)):
+        first[point[k]] = min(first[point[k]], frame[k])
+        last[point[k]] = max(last[point[k]], frame[k])
+    order = np.argsort(first * (m + 1) + last, kind="mergesort")
+    q = (n + LANES - 1) // LANES
+    start, tile_first = np.zeros(q + 1, np.int64), np.zeros(q, np.int64)
+    unused, lane = np.ones(q * LANES), np.empty(n, np.int64)
+    for i in range(q):
+        a, b = m, 0
+        for j in range(i * LANES, min(n, (i + 1) * LANES)):
+            p = order[j]
+            lane[p], unused[j] = j, 0.0
+            a, b = min(a, first[p]), max(b, last[p])
+        tile_first[i], start[i + 1] = a, start[i] + max(0, b - a + 1)
+    slot = np.empty(len(frame), np.int64)
+    for k in range(len(frame)):
+        j = lane[point[k]]
+        slot[k] = (start[j // LANES] + frame[k] - tile_first[j // LANES]) * LANES + j % LANES
+    cells = start[q]
+    return Tiles(start, tile_first, np.zeros(cells * SEEN * LANES), np.zeros(cells * FIT * LANES), unused, slot, lane)
+
+
+@compiled
+@no_type_check
+def fill_fixed(tiles: Tiles, observed: Array, W: Array) -> None:
+    """Corrected observations (k, 3) with weights W (k, 3, 3) that stay."""
+    for k in range(len(observed)):
+        o = tiles.slot[k] // LANES * FIT * LANES + tiles.slot[k] % LANES
+        c = 3
+        for a in range(3):
+            tiles.fit[o + a * LANES] = observed[k, a]
+            for b in range(a, 3):
+                tiles.fit[o + c * LANES] = W[k, a, b]
+                c += 1
+
+
+@compiled
+@no_type_check
+def fill_seen(tiles: Tiles, l: Array, W_uv: Array, K: Array) -> None:
+    """Points l (k, 3) and the weights of their image coordinates W_uv (k, 4, 4) [1/px²], brought to the ideal camera
+    by the calibration matrices K (2, 2, 2)."""
+    W = np.empty((4, 4))
+    for i in range(2, len(tiles.seen) // LANES, SEEN):
+        tiles.seen[i * LANES : (i + 1) * LANES] = 1.0  # unseen points must not divide by zero
+    for k in range(len(l)):
+        for a in range(4):
+            for s in range(2):
+                u, v = W_uv[k, a, 2 * s], W_uv[k, a, 2 * s + 1]
+                W[a, 2 * s], W[a, 2 * s + 1] = u * K[s, 0, 0], u * K[s, 0, 1] + v * K[s, 1, 1]
+        for b in range(4):
+            for s in range(2):
+                u, v = W[2 * s, b], W[2 * s + 1, b]
+                W[2 * s, b], W[2 * s + 1, b] = u * K[s, 0, 0], u * K[s, 0, 1] + v * K[s, 1, 1]
+        o = tiles.slot[k] // LANES * SEEN * LANES + tiles.slot[k] % LANES
+        for a in range(3):
+            tiles.seen[o + a * LANES] = l[k, a]
+        c = 3
+        for a in range(4):
+            for b in range(a, 4):
+                tiles.seen[o + c * LANES] = W[a, b]
+                c += 1
+
+
+@compiled
+@no_type_check
+def weights_of(tiles: Tiles) -> Array:
+    """Weights (k, 3, 3) of the observations in their own order."""
+    W = np.empty((len(tiles.slot), 3, 3))
+    for k in range(len(W)):
+        o = tiles.slot[k] // LANES * FIT * LANES + tiles.slot[k] % LANES
+        c = 3
+        for a in range(3):
+            for b in range(a, 3):
+                W[k, a, b] = W[k, b, a] = tiles.fit[o + c * LANES]
+                c += 1
+    return W
+
+
+@compiled
+@no_type_check
+def mean_points(tiles: Tiles, frame: Array, point: Array, l: Array, R: Array, T: Array) -> Array:
+    """Start values of the points in lanes: mean over the frames of R'(l - T), (3.7.13)."""
+    X, count = np.zeros(3 * len(tiles.unused)), np.zeros(len(tiles.unused))
+    for k in range(len(l)):
+        lane = tiles.lane[point[k]]
+        count[lane] += 1.0
+        d = l[k] - T[frame[k]]
+        for a in range(3):
+            r = R[frame[k]]
+            X[(lane // LANES * 3 + a) * LANES + lane % LANES] += r[0, a] * d[0] + r[1, a] * d[1] + r[2, a] * d[2]
+    for i in range(len(count)):
+        for a in range(3):
+            X[(i // LANES * 3 + a) * LANES + i % LANES] /= max(count[i], 1.0)
+    return X
+
+
+@compiled
+@no_type_check
+def points_of(tiles: Tiles, X: Array) -> Array:
+    """Points (n, 3) in their own order from those in lanes."""
+    points = np.empty((len(tiles.lane), 3))
+    for i in range(len(points)):
+        for a in range(3):
+            points[i, a] = X[(tiles.lane[i] // LANES * 3 + a) * LANES + tiles.lane[i] % LANES]
+    return points
+
+
+@compiled
+@no_type_check
+def reweight(tiles: Tiles, R: Array, T: Array, X: Array, R_rl: Array, t_rl: Array, second_order: bool) -> None:
+    """Weights J'WJ and second-order correction of the observations at the current points; see `depth_bias`."""
+    a00, a01, a02, a10, a11, a12, a20, a21, a22 = R_rl.flat
+    tx, ty, tz = t_rl
+    correction = 1.0 if second_order else 0.0
+    for q in range(len(tiles.first)):
+        for cell in range(tiles.start[q], tiles.start[q + 1]):
+            t = tiles.first[q] + cell - tiles.start[q]
+            r00, r01, r02, r10, r11, r12, r20, r21, r22 = R[t].flat
+            T0, T1, T2 = T[t]
+            x, s = rows(X, _POINT, q), rows(tiles.seen, SEEN, cell)
+            f = rows(tiles.fit, FIT, cell)
+            for j in range(LANES):
+                X0, X1, X2 = x[j], x[LANES + j], x[2 * LANES + j]
+                l0, l1, l2 = s[j], s[LANES + j], s[2 * LANES + j]
+                p0 = r00 * X0 + r01 * X1 + r02 * X2 + T0
+                p1 = r10 * X0 + r11 * X1 + r12 * X2 + T1
+                p2 = r20 * X0 + r21 * X1 + r22 * X2 + T2
+                # False for NaN, too: then the observed place serves.
+                depth_r = a20 * p0 + a21 * p1 + a22 * p2 + tz
+                good = (p2 > NEAR_M) & (p2 < FAR_M) & (depth_r > NEAR_M) & (abs(p0) + abs(p1) < np.inf)
+                p0 = p0 if good else l0
+                p1 = p1 if good else l1
+                p2 = p2 if good else l2
+                # Left and right ideal coordinates and their derivatives: rows [g, 0, -g u], [0, g, -g v] and
+                # h (A0 - A2 u'), h (A1 - A2 v').
+                g = 1.0 / p2
+                u, v = p0 * g, p1 * g
+                h = 1.0 / (a20 * p0 + a21 * p1 + a22 * p2 + tz)
+                ur = (a00 * p0 + a01 * p1 + a02 * p2 + tx) * h
+                vr = (a10 * p0 + a11 * p1 + a12 * p2 + ty) * h
+                c0, c1, c2 = h * (a00 - a20 * ur), h * (a01 - a21 * ur), h * (a02 - a22 * ur)
+                d0, d1, d2 = h * (a10 - a20 * vr), h * (a11 - a21 * vr), h * (a12 - a22 * vr)
+                w00, w01, w02, w03 = s[3 * LANES + j], s[4 * LANES + j], s[5 * LANES + j], s[6 * LANES + j]
+                w11, w12, w13 = s[7 * LANES + j], s[8 * LANES + j], s[9 * LANES + j]
+                w22, w23, w33 = s[10 * LANES + j], s[11 * LANES + j], s[12 * LANES + j]
+                gu, gv = g * u, g * v
+                # Rows of J'W, (3, 4).
+                k00, k01 = g * w00 + c0 * w02 + d0 * w03, g * w01 + c0 * w12 + d0 * w13
+                k02, k03 = g * w02 + c0 * w22 + d0 * w23, g * w03 + c0 * w23 + d0 * w33
+                k10, k11 = g * w01 + c1 * w02 + d1 * w03, g * w11 + c1 * w12 + d1 * w13
+                k12, k13 = g * w12 + c1 * w22 + d1 * w23, g * w13 + c1 * w23 + d1 * w33
+                k20 = c2 * w02 + d2 * w03 - gu * w00 - gv * w01
+                k21 = c2 * w12 + d2 * w13 - gu * w01 - gv * w11
+                k22 = c2 * w22 + d2 * w23 - gu * w02 - gv * w12
+                k23 = c2 * w23 + d2 * w33 - gu * w03 - gv * w13
+                W00, W01 = k00 * g + k02 * c0 + k03 * d0, k01 * g + k02 * c1 + k03 * d1
+                W02 = k02 * c2 + k03 * d2 - k00 * gu - k01 * gv
+                W11 = k11 * g + k12 * c1 + k13 * d1
+                W12 = k12 * c2 + k13 * d2 - k10 * gu - k11 * gv
+                W22 = k22 * c2 + k23 * d2 - k20 * gu - k21 * gv
+                # C = W^-1 and tr(H C) of the four coordinates.
+                e00, e01, e02 = W11 * W22 - W12 * W12, W02 * W12 - W01 * W22, W01 * W12 - W02 * W11
+                det = W00 * e00 + W01 * e01 + W02 * e02
+                i = 1.0 / (det if det > 0.0 else 1.0)
+                C00, C01, C02 = e00 * i, e01 * i, e02 * i
+                C11, C12 = (W00 * W22 - W02 * W02) * i, (W01 * W02 - W00 * W12) * i
+                C22 = (W00 * W11 - W01 * W01) * i
+                n0, n1 = C00 * a20 + C01 * a21 + C02 * a22, C01 * a20 + C11 * a21 + C12 * a22
+                n2 = C02 * a20 + C12 * a21 + C22 * a22
+                zz = a20 * n0 + a21 * n1 + a22 * n2
+                left, right = 2.0 * g * g, 2.0 * h * h
+                h0, h1 = left * (u * C22 - C02), left * (v * C22 - C12)
+                h2 = right * (ur * zz - (a00 * n0 + a01 * n1 + a02 * n2))
+                h3 = right * (vr * zz - (a10 * n0 + a11 * n1 + a12 * n2))
+                b0 = k00 * h0 + k01 * h1 + k02 * h2 + k03 * h3
+                b1 = k10 * h0 + k11 * h1 + k12 * h2 + k13 * h3
+                b2 = k20 * h0 + k21 * h1 + k22 * h2 + k23 * h3
+                half = 0.5 * correction
+                f[j] = l0 + half * (C00 * b0 + C01 * b1 + C02 * b2)
+                f[LANES + j] = l1 + half * (C01 * b0 + C11 * b1 + C12 * b2)
+                f[2 * LANES + j] = l2 + half * (C02 * b0 + C12 * b1 + C22 * b2)
+                f[3 * LANES + j], f[4 * LANES + j], f[5 * LANES + j] = W00, W01, W02
+                f[6 * LANES + j], f[7 * LANES + j], f[8 * LANES + j] = W11, W12, W22
+
+
+@compiled
+@no_type_check
+def best_points(tiles: Tiles, R: Array, T: Array, X: Array, factor: Array) -> float:
+    """Writes the best points for given poses, X_i = (sum R'WR)^-1 sum R'W (l - T), and the factors of their matrices.
+
+    Returns the cost v'Wv; NaN where a track is not determined.
+    """
+    N = np.empty(9 * LANES)
+    costs = np.zeros(LANES)
+    for q in range(len(tiles.first)):
+        for j in range(LANES):
+            for c in range(9):
+                N[c * LANES + j] = 0.0
+            N[j] = N[3 * LANES + j] = N[5 * LANES + j] = tiles.unused[q * LANES + j]
+        for cell in range(tiles.start[q], tiles.start[q + 1]):
+            t = tiles.first[q] + cell - tiles.start[q]
+            r00, r01, r02, r10, r11, r12, r20, r21, r22 = R[t].flat
+            T0, T1, T2 = T[t]
+            f = rows(tiles.fit, FIT, cell)
+            for j in range(LANES):
+                d0, d1, d2 = f[j] - T0, f[LANES + j] - T1, f[2 * LANES + j] - T2
+                W00, W01, W02 = f[3 * LANES + j], f[4 * LANES + j], f[5 * LANES + j]
+                W11, W12, W22 = f[6 * LANES + j], f[7 * LANES + j], f[8 * LANES + j]
+                u00, u10 = W00 * r00 + W01 * r10 + W02 * r20, W01 * r00 + W11 * r10 + W12 * r20
+                u20 = W02 * r00 + W12 * r10 + W22 * r20
+                u01, u11 = W00 * r01 + W01 * r11 + W02 * r21, W01 * r01 + W11 * r11 + W12 * r21
+                u21 = W02 * r01 + W12 * r11 + W22 * r21
+                u02, u12 = W00 * r02 + W01 * r12 + W02 * r22, W01 * r02 + W11 * r12 + W12 * r22
+                u22 = W02 * r02 + W12 * r12 + W22 * r22
+                N[j] += r00 * u00 + r10 * u10 + r20 * u20
+                N[LANES + j] += r00 * u01 + r10 * u11 + r20 * u21
+                N[2 * LANES + j] += r00 * u02 + r10 * u12 + r20 * u22
+                N[3 * LANES + j] += r01 * u01 + r11 * u11 + r21 * u21
+                N[4 * LANES + j] += r01 * u02 + r11 * u12 + r21 * u22
+                N[5 * LANES + j] += r02 * u02 + r12 * u12 + r22 * u22
+                N[6 * LANES + j] += u00 * d0 + u10 * d1 + u20 * d2
+                N[7 * LANES + j] += u01 * d0 + u11 * d1 + u21 * d2
+                N[8 * LANES + j] += u02 * d0 + u12 * d1 + u22 * d2
+        _solve(N, q, X, factor)
+        for cell in range(tiles.start[q], tiles.start[q + 1]):
+            t = tiles.first[q] + cell - tiles.start[q]
+            r00, r01, r02, r10, r11, r12, r20, r21, r22 = R[t].flat
+            T0, T1, T2 = T[t]
+            x, f = rows(X, _POINT, q), rows(tiles.fit, FIT, cell)
+            for j in range(LANES):
+                X0, X1, X2 = x[j], x[LANES + j], x[2 * LANES + j]
+                v0 = r00 * X0 + r01 * X1 + r02 * X2 + T0 - f[j]
+                v1 = r10 * X0 + r11 * X1 + r12 * X2 + T1 - f[LANES + j]
+                v2 = r20 * X0 + r21 * X1 + r22 * X2 + T2 - f[2 * LANES + j]
+                costs[j] += (
+                    v0 * (f[3 * LANES + j] * v0 + 2.0 * (f[4 * LANES + j] * v1 + f[5 * LANES + j] * v2))
+                    + v1 * (f[6 * LANES + j] * v1 + 2.0 * f[7 * LANES + j] * v2)
+                    + v2 * f[8 * LANES + j] * v2
+                )
+    return costs.sum()
+
+
+@compiled
+@no_type_check
+def _solve(N: Array, q: int, X: Array, factor: Array) -> None:
+    """Cholesky factor and solution of a tile's points; NaN where the matrix is not positive definite."""
+    x, f = rows(X, _POINT, q), rows(factor, _FACTOR, q)
+    for j in range(LANES):
+        i0 = 1.0 / np.sqrt(N[j])
+        l1, l2 = N[LANES + j] * i0, N[2 * LANES + j] * i0
+        i1 = 1.0 / np.sqrt(N[3 * LANES + j] - l1 * l1)
+        l3 = (N[4 * LANES + j] - l2 * l1) * i1
+        i2 = 1.0 / np.sqrt(N[5 * LANES + j] - l2 * l2 - l3 * l3)
+        y0 = N[6 * LANES + j] * i0
+        y1 = (N[7 * LANES + j] - l1 * y0) * i1
+        x2 = (N[8 * LANES + j] - l2 * y0 - l3 * y1) * i2 * i2
+        x1 = (y1 - l3 * x2) * i1
+        x[j], x[LANES + j], x[2 * LANES + j] = (y0 - l1 * x1 - l2 * x2) * i0, x1, x2
+        f[j], f[LANES + j], f[2 * LANES + j] = i0, l1, l2
+        f[3 * LANES + j], f[4 * LANES + j], f[5 * LANES + j] = i1, l3, i2
+
+
+@compiled
+@no_type_check
+def _cell(R: Array, T: Array, x: Array, f: Array, L: Array, bend: float, sums: Array, Z: Array) -> None:
+    """Adds a cell's share of N_pp and b_p to the sums of its frame and writes its Z (6 x 3 rows of lanes)."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = R.flat
+    T0, T1, T2 = T
+    for j in range(LANES):
+        X0, X1, X2 = x[j], x[LANES + j], x[2 * LANES + j]
+        W00, W01, W02 = f[3 * LANES + j], f[4 * LANES + j], f[5 * LANES + j]
+        W11, W12, W22 = f[6 * LANES + j], f[7 * LANES + j], f[8 * LANES + j]
+        a0 = r00 * X0 + r01 * X1 + r02 * X2
+        a1 = r10 * X0 + r11 * X1 + r12 * X2
+        a2 = r20 * X0 + r21 * X1 + r22 * X2
+        v0, v1, v2 = a0 + T0 - f[j], a1 + T1 - f[LANES + j], a2 + T2 - f[2 * LANES + j]
+        g0, g1 = W00 * v0 + W01 * v1 + W02 * v2, W01 * v0 + W11 * v1 + W12 * v2
+        g2 = W02 * v0 + W12 * v1 + W22 * v2
+        # M = S(a) W: a x columns of W; rotation block: a x rows of M.
+        m00, m10, m20 = a1 * W02 - a2 * W01, a2 * W00 - a0 * W02, a0 * W01 - a1 * W00
+        m01, m11, m21 = a1 * W12 - a2 * W11, a2 * W01 - a0 * W12, a0 * W11 - a1 * W01
+        m02, m12, m22 = a1 * W22 - a2 * W12, a2 * W02 - a0 * W22, a0 * W12 - a1 * W02
+        n00, n01, n02 = a1 * m02 - a2 * m01, a2 * m00 - a0 * m02, a0 * m01 - a1 * m00
+        n11, n12, n22 = a2 * m10 - a0 * m12, a0 * m11 - a1 * m10, a0 * m21 - a1 * m20
+        ga = bend * (g0 * a0 + g1 * a1 + g2 * a2)
+        sums[j] += n00 + bend * g0 * a0 - ga
+        sums[LANES + j] += n01 + 0.5 * bend * (g0 * a1 + g1 * a0)
+        sums[2 * LANES + j] += n02 + 0.5 * bend * (g0 * a2 + g2 * a0)
+        sums[3 * LANES + j] += n11 + bend * g1 * a1 - ga
+        sums[4 * LANES + j] += n12 + 0.5 * bend * (g1 * a2 + g2 * a1)
+        sums[5 * LANES + j] += n22 + bend * g2 * a2 - ga
+        sums[6 * LANES + j] += m00
+        sums[7 * LANES + j] += m01
+        sums[8 * LANES + j] += m02
+        sums[9 * LANES + j] += m10
+        sums[10 * LANES + j] += m11
+        sums[11 * LANES + j] += m12
+        sums[12 * LANES + j] += m20
+        sums[13 * LANES + j] += m21
+        sums[14 * LANES + j] += m22
+        sums[15 * LANES + j] += W00
+        sums[16 * LANES + j] += W01
+        sums[17 * LANES + j] += W02
+        sums[18 * LANES + j] += W11
+        sums[19 * LANES + j] += W12
+        sums[20 * LANES + j] += W22
+        sums[21 * LANES + j] += a2 * g1 - a1 * g2
+        sums[22 * LANES + j] += a0 * g2 - a2 * g0
+        sums[23 * LANES + j] += a1 * g0 - a0 * g1
+        sums[24 * LANES + j] -= g0
+        sums[25 * LANES + j] -= g1
+        sums[26 * LANES + j] -= g2
+        sums[27 * LANES + j] += n00
+        sums[28 * LANES + j] += n11
+        sums[29 * LANES + j] += n22
+        # N_pX: below U = W R, above a x U - g x R by columns.
+        u00, u10 = W00 * r00 + W01 * r10 + W02 * r20, W01 * r00 + W11 * r10 + W12 * r20
+        u20 = W02 * r00 + W12 * r10 + W22 * r20
+        u01, u11 = W00 * r01 + W01 * r11 + W02 * r21, W01 * r01 + W11 * r11 + W12 * r21
+        u21 = W02 * r01 + W12 * r11 + W22 * r21
+        u02, u12 = W00 * r02 + W01 * r12 + W02 * r22, W01 * r02 + W11 * r12 + W12 * r22
+        u22 = W02 * r02 + W12 * r12 + W22 * r22
+        s0, s1, s2 = bend * g0, bend * g1, bend * g2
+        i0, l1, l2 = L[j], L[LANES + j], L[2 * LANES + j]
+        i1, l3, i2 = L[3 * LANES + j], L[4 * LANES + j], L[5 * LANES + j]
+        z0 = (a1 * u20 - a2 * u10 - s1 * r20 + s2 * r10) * i0
+        z1 = (a1 * u21 - a2 * u11 - s1 * r21 + s2 * r11 - l1 * z0) * i1
+        Z[j], Z[LANES + j] = z0, z1
+        Z[2 * LANES + j] = (a1 * u22 - a2 * u12 - s1 * r22 + s2 * r12 - l2 * z0 - l3 * z1) * i2
+        z0 = (a2 * u00 - a0 * u20 - s2 * r00 + s0 * r20) * i0
+        z1 = (a2 * u01 - a0 * u21 - s2 * r01 + s0 * r21 - l1 * z0) * i1
+        Z[_WIDTH + j], Z[_WIDTH + LANES + j] = z0, z1
+        Z[_WIDTH + 2 * LANES + j] = (a2 * u02 - a0 * u22 - s2 * r02 + s0 * r22 - l2 * z0 - l3 * z1) * i2
+        z0 = (a0 * u10 - a1 * u00 - s0 * r10 + s1 * r00) * i0
+        z1 = (a0 * u11 - a1 * u01 - s0 * r11 + s1 * r01 - l1 * z0) * i1
+        Z[2 * _WIDTH + j], Z[2 * _WIDTH + LANES + j] = z0, z1
+        Z[2 * _WIDTH + 2 * LANES + j] = (a0 * u12 - a1 * u02 - s0 * r12 + s1 * r02 - l2 * z0 - l3 * z1) * i2
+        z0 = u00 * i0
+        z1 = (u01 - l1 * z0) * i1
+        Z[3 * _WIDTH + j], Z[3 * _WIDTH + LANES + j], Z[3 * _WIDTH + 2 * LANES + j] = (
+            z0,
+            z1,
+            (u02 - l2 * z0 - l3 * z1) * i2,
+        )
+        z0 = u10 * i0
+        z1 = (u11 - l1 * z0) * i1
+        Z[4 * _WIDTH + j], Z[4 * _WIDTH + LANES + j], Z[4 * _WIDTH + 2 * LANES + j] = (
+            z0,
+            z1,
+            (u12 - l2 * z0 - l3 * z1) * i2,
+        )
+        z0 = u20 * i0
+        z1 = (u21 - l1 * z0) * i1
+        Z[5 * _WIDTH + j], Z[5 * _WIDTH + LANES + j], Z[5 * _WIDTH + 2 * LANES + j] = (
+            z0,
+            z1,
+            (u22 - l2 * z0 - l3 * z1) * i2,
+        )
+
+
+@compiled
+@no_type_check
+def reduced_system(
+    tiles: Tiles, R: Array, T: Array, X: Array, factor: Array, newton: bool
+) -> tuple[Array, Array, Array]:
+    """S (6m, 6m), Newton's or Gauss-Newton's, rhs (6m,) and the scale (6m,) at poses and their best points."""
+    m = len(R)
+    S = np.zeros((6 * m, 6 * m))
+    sums = np.zeros(m * _SUMS * LANES)
+    bend = 1.0 if newton else 0.0
+    for batch in range(0, len(tiles.first), _BATCH):
+        end = min(batch + _BATCH, len(tiles.first))
+        low = tiles.first[batch]  # the tiles are sorted by it
+        high = low
+        for q in range(batch, end):
+            high = max(high, tiles.first[q] + tiles.start[q + 1] - tiles.start[q])
+        Z = np.zeros(6 * (high - low) * _WIDTH)
+        for q in range(batch, end):
+            for cell in range(tiles.start[q], tiles.start[q + 1]):
+                t = tiles.first[q] + cell - tiles.start[q]
+                at = 6 * (t - low) * _WIDTH + 3 * (q - batch) * LANES
+                x, L = rows(X, _POINT, q), rows(factor, _FACTOR, q)
+                _cell(R[t], T[t], x, rows(tiles.fit, FIT, cell), L, bend, rows(sums, _SUMS, t), Z[at:])
+        Z_p = Z.reshape(6 * (high - low), _WIDTH)
+        for a in range(0, len(Z_p), _BLOCK):
+            for b in range(a, len(Z_p), _BLOCK):
+                product = np.dot(Z_p[a : a + _BLOCK], Z_p[b : b + _BLOCK].T)
+                S[6 * low + a : 6 * low + a + len(product), 6 * low + b : 6 * low + b + product.shape[1]] -= product
+    rhs, scale = np.empty(6 * m), np.empty(6 * m)
+    for t in range(m):
+        s = sums[t * _SUMS * LANES : (t + 1) * _SUMS * LANES].reshape(_SUMS, LANES).sum(axis=1)
+        o, c = 6 * t, 0
+        for a in range(3):
+            for b in range(3):
+                S[o + a, o + 3 + b] += s[6 + 3 * a + b]
+                if b >= a:
+                    S[o + a, o + b] += s[c]
+                    S[o + 3 + a, o + 3 + b] += s[15 + c]
+                    c += 1
+        rhs[o : o + 6] = s[21:27]
+        scale[o : o + 3] = np.sqrt(s[27:30])
+        scale[o + 3], scale[o + 4], scale[o + 5] = np.sqrt(s[15]), np.sqrt(s[18]), np.sqrt(s[20])
+    for a in range(6 * m):
+        for b in range(a):
+            S[a, b] = S[b, a]
+    return S, rhs, scale
+
+
+@compiled
+@no_type_check
+def _rotation(r: Array) -> Array:
+    """exp of a rotation vector (3,), by series near zero."""
+    a2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+    if a2 < 1e-8:
+        s, c = 1.0 - a2 / 6.0, 0.5 - a2 / 24.0
+    else:
+        a = np.sqrt(a2)
+        s, c = np.sin(a) / a, 2.0 * np.sin(a / 2.0) ** 2 / a2
+    S = np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
+    return np.eye(3) + s * S + c * (S @ S)
+
+
+@compiled
+@no_type_check
+def _without_datum(S: Array, scale: Array, R: Array) -> tuple[Array, Array]:
+    """P S P + G G' in units of ``scale`` and the orthonormal null space G (6m, 6); P projects onto its complement.
+
+    The changes that only move the object frame get eigenvalues of one: no estimable quantity depends on them.
+    """
+    G = np.zeros((len(scale), 6))
+    for t in range(len(R)):
+        for a in range(3):
+            for b in range(3):
+                G[6 * t + a, b] = scale[6 * t + a] * R[t, a, b]
+                G[6 * t + 3 + a, 3 + b] = scale[6 * t + 3 + a] * R[t, a, b]
+    G, _ = np.linalg.qr(G)
+    G = np.ascontiguousarray(G)
+    M = S / scale / scale.reshape(-1, 1)
+    SG = np.dot(M, G)
+    B = SG - np.dot(G, 0.5 * (np.dot(G.T, SG) + np.eye(6)))
+    GB = np.dot(G, B.T)
+    return M - GB - GB.T, G
+
+
+@compiled
+@no_type_check
+def _cholesky(M: Array, damping: float) -> tuple[Array, bool]:
+    """Upper factor U of M + damping I = U'U, and whether the matrix is positive definite."""
+    U = M.copy()
+    for j in range(len(U)):
+        U[j, j] += damping
+    for j in range(len(U)):
+        pivot = U[j, j]
+        if not pivot > _PIVOT:
+            return U, False
+        row = U[j]
+        row[j:] /= np.sqrt(pivot)
+        for i in range(j + 1, len(U)):
+            c, other = row[i], U[i]
+            for k in range(i, len(U)):
+                other[k] -= c * row[k]
+    return U, True
+
+
+@compiled
+@no_type_check
+def _substitute(U: Array, b: Array) -> Array:
+    """Solution of U'U x = b."""
+    x = b.copy()
+    for j in range(len(x)):
+        x[j] /= U[j, j]
+        for k in range(j + 1, len(x)):
+            x[k] -= x[j] * U[j, k]
+    for j in range(len(x) - 1, -1, -1):
+        for k in range(j + 1, len(x)):
+            x[j] -= U[j, k] * x[k]
+        x[j] /= U[j, j]
+    return x
+
+
+@compiled
+@no_type_check
+def _step(M: Array, b: Array, damping: float) -> Array:
+    """Solution with the eigenvalues |lambda| + damping: downhill whatever their sign."""
+    U, positive = _cholesky(M, 0.0)
+    if positive and damping > 0.0:
+        U, positive = _cholesky(M, damping)
+    if positive:
+        return _substitute(U, b)
+    values, V = np.linalg.eigh(M)
+    return np.dot(V, np.dot(V.T, b) / (np.abs(values) + damping))
+
+
+@compiled
+@no_type_check
+def _relative_update(tiles: Tiles, R: Array, T: Array, X: Array, factor: Array, dp: Array) -> float:
+    """Largest pose change in units of its standard deviation."""
+    S, _, scale = reduced_system(tiles, R, T, X, factor, False)
+    M, G = _without_datum(S, scale, R)
+    variance = np.diag(np.linalg.inv(M)) - np.sum(G * G, axis=1)
+    return np.max(np.abs(dp) * scale / np.sqrt(variance))
+
+
+@compiled
+@no_type_check
+def descend(
+    tiles: Tiles,
+    follows: bool,
+    second_order: bool,
+    R_rl: Array,
+    t_rl: Array,
+    R: Array,
+    T: Array,
+    X: Array,
+    stop: int,
+    tolerance: float,
+    max_iterations: int,
+) -> tuple[int, int, float]:
+    """Moves R (m, 3, 3), T (m, 3) and X to the optimum; returns status, iterations, cost. See `object_motion.adjust`.
+
+    follows: the weights are evaluated at the current points, X in lanes: (tile * 3 + axis) * LANES + lane.
+    """
+    factor = np.empty(2 * len(X))
+    damping, cost = 0.0, 0.0
+    for iteration in range(1, max_iterations + 1):
+        if follows and iteration <= _REWEIGHTED:
+            reweight(tiles, R, T, X, R_rl, t_rl, second_order)
+        cost = best_points(tiles, R, T, X, factor)
+        if np.isnan(cost):
+            return UNDETERMINED_TRACK, iteration, cost
+        S, rhs, scale = reduced_system(tiles, R, T, X, factor, iteration > _GAUSS_NEWTON_STEPS)
+        if not scale.min() > 0.0:
+            return UNOBSERVED_POSE, iteration, cost
+        M, _ = _without_datum(S, scale, R)
+        b = rhs / scale
+        R_new, T_new, cost_new = np.empty_like(R), np.empty_like(T), np.nan
+        for _ in range(_TRIES):
+            x = _step(M, b, damping)
+            dp = x / scale
+            for t in range(len(R)):
+                R_new[t] = np.dot(_rotation(dp[6 * t : 6 * t + 3]), R[t])
+                T_new[t] = T[t] + dp[6 * t + 3 : 6 * t + 6]
+            cost_new = best_points(tiles, R_new, T_new, X, factor)
+            if cost_new <= cost * (1.0 + 1e-12) + 1e-12:
+                break
+            damping = max(10.0 * damping, 1e-6)
+        else:
+            return STUCK, iteration, cost
+        R[:], T[:], cost = R_new, T_new, cost_new
+        if damping > 1e-7:
+            damping /= 10.0
+            continue
+        if damping > 0.0:
+            damping, x = 0.0, _step(M, b, 0.0)
+        change = np.dot(b, x)
+        if stop == UPDATE:
+            change = np.abs(dp).max()
+        elif stop == RELATIVE_UPDATE:
+            change = _relative_update(tiles, R, T, X, factor, dp)
+        if change < tolerance:
+            return CONVERGED, iteration, cost
+    return EXHAUSTED, max_iterations, cost
