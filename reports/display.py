@@ -20,6 +20,8 @@ QUANTITIES = {
     "yaw_rate": "Yaw rate",
     "angular_rate": "Angular rate",
     "reference_point": "Position of the reference point",
+    "centroid_speed": "Speed of the points' centroid, as the estimator says",
+    "driving_direction": "Driving direction, as the estimator says",
     "shape": "Shape after alignment",
 }
 STATISTICS = ("rms", "crb", "efficiency", "bias", "std", "p95", "max")

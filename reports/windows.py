@@ -23,7 +23,7 @@ from sim.truth import INLIER, Truth
 
 Array = np.ndarray
 MIN_POINTS = 3
-_AT_REST = 1e-9  # below this speed [m/s] the course has no direction, and the speed no derivative
+AT_REST = 1e-9  # below this speed [m/s] the course has no direction, and the speed no derivative
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +128,7 @@ def _differences(T_cv: Pose, reference_v: Array, dt: float) -> tuple[Array, Arra
 
 def _unit(x: Array) -> Array:
     length = np.linalg.norm(x)
-    return x / length if length > _AT_REST else np.full(3, np.nan)
+    return x / length if length > AT_REST else np.full(3, np.nan)
 
 
 def _estimated_motion(

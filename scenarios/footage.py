@@ -18,7 +18,8 @@ from sim.world import World
 
 Array = np.ndarray
 SIDES = ("left", "right")
-# KITTI's 16-bit forms: depth in 1/256 m; flow in 1/64 px around 2^15, third channel whether it is known.
+# KITTI's 16-bit forms: depth in 1/256 m, 0 where unknown or beyond 256 m; flow in 1/64 px around 2^15, third channel
+# whether it is known.
 _DEPTH_SCALE = 256.0
 _PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1]
 STATIC_INSTANCE = 1
@@ -81,7 +82,8 @@ def _write_frame(scenario: Scenario, world: World, folder: Path, k: int, pair: t
         rng = stream(scenario.seed, 0, f"camera/{side}/sensor/{k}")
         _write(folder / image_name(side, k), expose(view.color, sensor, rng)[:, :, ::-1])
         if spec.truth_images and view.depth is not None and view.instance is not None:
-            depth = np.clip(np.rint(view.depth * _DEPTH_SCALE), 0, 65535).astype(np.uint16)
+            coded = np.rint(view.depth * _DEPTH_SCALE)
+            depth = np.where(coded <= 65535, coded, 0).astype(np.uint16)
             _write(folder / f"depth/{side}/{k:06d}.png", depth)
             _write(folder / f"instance/{side}/{k:06d}.png", view.instance)
         if spec.flow and k + 1 < len(world.t_s):

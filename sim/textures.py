@@ -18,12 +18,6 @@ Array = np.ndarray
 Color = tuple[float, float, float]
 
 
-def srgb_from_linear(x: ArrayLike) -> Array:
-    """sRGB code value in 0..1 of linear light in 0..1 (IEC 61966-2-1)."""
-    v = np.clip(np.asarray(x, float), 0, 1)
-    return np.asarray(np.where(v <= 0.0031308, 12.92 * v, 1.055 * v ** (1 / 2.4) - 0.055))
-
-
 def linear_from_srgb(x: ArrayLike) -> Array:
     """Linear light in 0..1 of an sRGB code value in 0..1."""
     v = np.asarray(x, float)

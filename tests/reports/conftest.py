@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.estimate import Failure, Interpretation, TrajectoryEstimate, WindowEstimate
+from estimators.estimate import Failure, TrajectoryEstimate, WindowEstimate
 from estimators.stereo.object_motion import motion_covariance
+from estimators.stereo.vehicle import interpret
 from sim.camera import Camera, StereoRig
 from sim.observations import Observations, Tracks
 from sim.pose import R_WORLD_FROM_LEVEL_CAMERA, Pose, exp_so3, vehicle_rotation
@@ -110,11 +111,7 @@ def true_window(truth: Truth, last: int, Q: np.ndarray = Q, s: np.ndarray = S) -
 def make_estimate(truth: Truth, T_wc: Pose | None = None, failures: tuple[Failure, ...] = ()) -> TrajectoryEstimate:
     failed = {f.frame for f in failures}
     windows = tuple(true_window(truth, t) for t in range(2, FRAMES) if t not in failed)
-    k = np.array([w.frames[-1] for w in windows])
-    nothing = np.zeros(len(k))
-    return TrajectoryEstimate(
-        truth.t_s, windows, failures, Interpretation(k, nothing, nothing, nothing, T_wc is not None), T_wc, 0.5
-    )
+    return TrajectoryEstimate(truth.t_s, windows, failures, interpret(windows, truth.t_s, T_wc), T_wc, 0.5)
 
 
 def make_world(

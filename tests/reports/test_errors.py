@@ -27,7 +27,8 @@ def test_the_truth_has_no_error(world, keys):
     assert list(table.columns) == ERROR_COLUMNS
     assert np.abs(table["error"]).max() < 1e-7  # 1e-12 m over 0.04 s, over a lever of some metres
     assert set(table["quantity"]) == {
-        *("position", "orientation", "reference_point", "velocity", "angular_rate", "speed", "yaw_rate", "shape")
+        *("position", "orientation", "reference_point", "velocity", "angular_rate", "speed", "yaw_rate", "shape"),
+        *("centroid_speed", "driving_direction"),
     }
     assert not table[["t_s", "error"]].isna().any(axis=None)
 
@@ -201,3 +202,19 @@ def _disturbed(window, x):
     R = np.concatenate([window.T_co.R[:-2], T.R])
     t = np.concatenate([window.T_co.t[:-2], T.t])
     return replace(window, T_co=Pose(R, t))
+
+
+@pytest.mark.parametrize("ego_poses", [False, True])
+def test_the_estimators_own_words_are_held_against_the_same_points(build_world, keys, ego_poses):
+    straight = build_world(ego_speed=5.0, ego_poses=ego_poses)
+    table = comparison_table(straight.truth, straight.tracks, straight.estimate, **keys)
+    for quantity in ("centroid_speed", "driving_direction"):
+        np.testing.assert_allclose(column(table, quantity, "all"), 0, atol=1e-7)
+    said = straight.estimate.interpretation
+    wrong = replace(straight.estimate, interpretation=replace(said, heading=said.heading + 0.1 - 2 * np.pi))
+    table = comparison_table(straight.truth, straight.tracks, wrong, **keys)
+    np.testing.assert_allclose(column(table, "driving_direction", "all"), 0.1, atol=1e-7)
+    turning = build_world(yaw_rate=0.5, ego_poses=ego_poses)
+    table = comparison_table(turning.truth, turning.tracks, turning.estimate, **keys)
+    # A difference of two frames 0.04 s apart, 0.5 rad/s: half a frame late is 0.01 rad in the course.
+    np.testing.assert_allclose(np.abs(column(table, "driving_direction", "all")), 0.01, rtol=0.2)
