@@ -8,13 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from scipy.ndimage import binary_erosion, label
+from scipy.ndimage import binary_erosion, label, maximum_filter, minimum_filter
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from sim.camera import Camera, StereoRig
+from sim.meshes import make_vehicle
 from sim.model import Model, Surface
-from sim.pose import R_WORLD_FROM_LEVEL_CAMERA, Pose, exp_so3
+from sim.pose import R_WORLD_FROM_LEVEL_CAMERA, Pose, exp_so3, vehicle_rotation
 from sim.render import Item, Light, Renderer, View, optical_flow
+from sim.streams import stream
 
 Array = np.ndarray
 SIZE = (640, 480)
@@ -180,6 +182,28 @@ def test_depth_and_instance_agree_with_ray_casting(
     )
     assert good[inner].mean() > 0.999
     assert inner.mean() > 0.9
+
+
+@pytest.mark.parametrize("kind", ["sedan", "van"])
+def test_a_vehicle_is_drawn_where_its_measured_surface_is(kind: str) -> None:
+    """The surface that carries the measured points, ray cast, against the drawn one, near and far."""
+    model = make_vehicle(kind, stream(1, 0, kind))
+    items = [Item(model, 7)]
+    T_wc = level_camera()
+    for distance, heading in ((12.0, 3.6), (30.0, 0.4)):
+        poses = [Pose(vehicle_rotation(np.array(heading)), np.array([-1.0, distance, 0.0]))]
+        with Renderer(items) as renderer:
+            view = renderer.render(CAMERA, T_wc, poses, frozenset({"depth", "instance"}))
+        assert view.depth is not None
+        assert view.instance is not None
+        depth, instance, _ = cast_rays(items, poses, CAMERA, T_wc)
+        # Away from edges: the body's outline and where one part of it hides another.
+        around = np.where(instance > 0, depth, 1e3)
+        inner = (instance > 0) & (maximum_filter(around, 3) - minimum_filter(around, 3) < 0.1)
+        good = (np.abs(view.depth - depth) <= 5e-6 * depth + 1e-5) & (view.instance == instance)
+        assert inner.sum() > 150
+        assert good[inner].mean() > 0.999
+        assert np.all((view.instance == instance)[minimum_filter(instance, 3) == maximum_filter(instance, 3)])
 
 
 def test_flow_agrees_with_moved_surface_points(street: tuple[list[Item], list[Pose]]) -> None:
