@@ -23,13 +23,18 @@ class Reduced:
     """Normal equations after elimination of the points, for m poses of 6 and n points of 3 unknowns.
 
     S (6m, 6m) reduced normal matrix; rhs (6m,) reduced right side; N_inv (n, 3, 3) inverse point blocks;
-    h (n, 3, 6m) = N_inv N_Xp, so that the points follow the poses by dX = N_inv b_X - h dp.
+    h (n, 3, 6m) = N_inv N_Xp; b_X (n, 3) right side of the points.
     """
 
     S: Float[np.ndarray, "p p"]
     rhs: Float[np.ndarray, "p"]
     N_inv: Float[np.ndarray, "n 3 3"]
     h: Float[np.ndarray, "n 3 p"]
+    b_X: Float[np.ndarray, "n 3"]
+
+    def points(self, dp: Float[np.ndarray, "p"]) -> Float[np.ndarray, "n 3"]:
+        """What the points follow the poses by: dX = N_inv b_X - h dp."""
+        return np.asarray((self.N_inv @ self.b_X[:, :, None])[:, :, 0] - self.h @ dp)
 
 
 def sum_by(index: Int[np.ndarray, "k"], values: Float[np.ndarray, "k ..."], size: int) -> Float[np.ndarray, "s ..."]:
@@ -71,10 +76,10 @@ class Blocks:
 
 
 def normal_blocks(
-    A: Float[np.ndarray, "k 3 6"],
-    B: Float[np.ndarray, "k 3 3"],
-    W: Float[np.ndarray, "k 3 3"],
-    dl: Float[np.ndarray, "k 3"],
+    A: Float[np.ndarray, "k e 6"],
+    B: Float[np.ndarray, "k e 3"],
+    W: Float[np.ndarray, "k e e"],
+    dl: Float[np.ndarray, "k e"],
 ) -> Blocks:
     """Blocks of ``dl + v = A dp + B dX`` with weights W: N = A'WA, b = A'W dl (2.1.16)."""
     AW, BW = np.swapaxes(A, 1, 2) @ W, np.swapaxes(B, 1, 2) @ W
@@ -96,7 +101,7 @@ def reduce_points(frame: Int[np.ndarray, "k"], point: Int[np.ndarray, "k"], bloc
     h = (N_inv @ N_Xp.reshape(n, 3, 6 * m)).reshape(n * 3, 6 * m)
     S = scipy.linalg.block_diag(*sum_by(frame, blocks.N_pp, m)) - N_Xp.T @ h
     rhs = sum_by(frame, blocks.b_p, m).ravel() - h.T @ b_X.ravel()
-    return Reduced((S + S.T) / 2, rhs, N_inv, h.reshape(n, 3, 6 * m))
+    return Reduced((S + S.T) / 2, rhs, N_inv, h.reshape(n, 3, 6 * m), b_X)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,10 +40,10 @@ _POINT, _FACTOR = 3, 6
 # without the curvature.
 _SUMS = 30
 # Tiles whose points leave the normal equations by one product, and the length of a row of Z then.
-_BATCH = 4
+_BATCH = 2
 _WIDTH = 3 * LANES * _BATCH
 # Rows of S that are made at once: the upper triangle only, in blocks of some size.
-_BLOCK = 30
+_BLOCK = 48
 
 CONVERGED, UNDETERMINED_TRACK, UNOBSERVED_POSE, STUCK, EXHAUSTED = range(5)
 DECREMENT, UPDATE, RELATIVE_UPDATE = range(3)
@@ -173,12 +173,11 @@ def mean_points(tiles: Tiles, frame: Array, point: Array, l: Array, R: Array, T:
     """Start values of the points in lanes: mean over the frames of R'(l - T), (3.7.13)."""
     X, count = np.zeros(3 * len(tiles.unused)), np.zeros(len(tiles.unused))
     for k in range(len(l)):
-        lane = tiles.lane[point[k]]
+        lane, t = tiles.lane[point[k]], frame[k]
         count[lane] += 1.0
-        d = l[k] - T[frame[k]]
+        d0, d1, d2 = l[k, 0] - T[t, 0], l[k, 1] - T[t, 1], l[k, 2] - T[t, 2]
         for a in range(3):
-            r = R[frame[k]]
-            X[(lane // LANES * 3 + a) * LANES + lane % LANES] += r[0, a] * d[0] + r[1, a] * d[1] + r[2, a] * d[2]
+            X[(lane // LANES * 3 + a) * LANES + lane % LANES] += R[t, 0, a] * d0 + R[t, 1, a] * d1 + R[t, 2, a] * d2
     for i in range(len(count)):
         for a in range(3):
             X[(i // LANES * 3 + a) * LANES + i % LANES] /= max(count[i], 1.0)
@@ -518,15 +517,26 @@ def _without_datum(S: Array, scale: Array, R: Array) -> tuple[Array, Array]:
 
     The changes that only move the object frame get eigenvalues of one: no estimable quantity depends on them.
     """
-    G = np.zeros((len(scale), 6))
-    for t in range(len(R)):
-        for a in range(3):
-            for b in range(3):
-                G[6 * t + a, b] = scale[6 * t + a] * R[t, a, b]
-                G[6 * t + 3 + a, 3 + b] = scale[6 * t + 3 + a] * R[t, a, b]
-    G, _ = np.linalg.qr(G)
-    G = np.ascontiguousarray(G)
-    M = S / scale / scale.reshape(-1, 1)
+    m = len(R)
+    gram = np.zeros((2, 3, 3))
+    for t in range(m):
+        for half in range(2):
+            for a in range(3):
+                d = scale[6 * t + 3 * half + a] ** 2
+                for b in range(3):
+                    for c in range(3):
+                        gram[half, b, c] += d * R[t, a, b] * R[t, a, c]
+    G = np.zeros((6 * m, 6))
+    for half in range(2):
+        root = np.linalg.inv(np.linalg.cholesky(gram[half]))
+        for t in range(m):
+            for a in range(3):
+                row = 6 * t + 3 * half + a
+                for b in range(3):
+                    for c in range(b + 1):
+                        G[row, 3 * half + b] += scale[row] * R[t, a, c] * root[b, c]
+    inverse = 1.0 / scale
+    M = S * inverse * inverse.reshape(-1, 1)
     SG = np.dot(M, G)
     B = SG - np.dot(G, 0.5 * (np.dot(G.T, SG) + np.eye(6)))
     GB = np.dot(G, B.T)
@@ -536,36 +546,25 @@ def _without_datum(S: Array, scale: Array, R: Array) -> tuple[Array, Array]:
 @compiled
 @no_type_check
 def _cholesky(M: Array, damping: float) -> tuple[Array, bool]:
-    """Upper factor U of M + damping I = U'U, and whether the matrix is positive definite."""
-    U = M.copy()
-    for j in range(len(U)):
-        U[j, j] += damping
-    for j in range(len(U)):
-        pivot = U[j, j]
-        if not pivot > _PIVOT:
-            return U, False
-        row = U[j]
-        row[j:] /= np.sqrt(pivot)
-        for i in range(j + 1, len(U)):
-            c, other = row[i], U[i]
-            for k in range(i, len(U)):
-                other[k] -= c * row[k]
-    return U, True
+    """Lower factor of M + damping I, and whether M is positive definite beyond rounding."""
+    try:
+        L = np.linalg.cholesky(M + damping * np.eye(len(M)))
+    except Exception:  # numba knows no other
+        return M, False
+    return L, np.diag(L).min() ** 2 > _PIVOT
 
 
 @compiled
 @no_type_check
-def _substitute(U: Array, b: Array) -> Array:
-    """Solution of U'U x = b."""
+def _substitute(L: Array, b: Array) -> Array:
+    """Solution of L L'x = b."""
     x = b.copy()
-    for j in range(len(x)):
-        x[j] /= U[j, j]
-        for k in range(j + 1, len(x)):
-            x[k] -= x[j] * U[j, k]
-    for j in range(len(x) - 1, -1, -1):
-        for k in range(j + 1, len(x)):
-            x[j] -= U[j, k] * x[k]
-        x[j] /= U[j, j]
+    for i in range(len(x)):
+        x[i] = (x[i] - np.dot(L[i, :i], x[:i])) / L[i, i]
+    for i in range(len(x) - 1, -1, -1):
+        x[i] /= L[i, i]
+        for k in range(i):
+            x[k] -= x[i] * L[i, k]
     return x
 
 
@@ -573,11 +572,11 @@ def _substitute(U: Array, b: Array) -> Array:
 @no_type_check
 def _step(M: Array, b: Array, damping: float) -> Array:
     """Solution with the eigenvalues |lambda| + damping: downhill whatever their sign."""
-    U, positive = _cholesky(M, 0.0)
+    L, positive = _cholesky(M, 0.0)
     if positive and damping > 0.0:
-        U, positive = _cholesky(M, damping)
+        L, positive = _cholesky(M, damping)
     if positive:
-        return _substitute(U, b)
+        return _substitute(L, b)
     values, V = np.linalg.eigh(M)
     return np.dot(V, np.dot(V.T, b) / (np.abs(values) + damping))
 

@@ -14,6 +14,7 @@ from estimators.estimate import EstimationFailed, Failure, TrajectoryEstimate, W
 from estimators.gauss_markov import SingularSystem
 from estimators.stereo import initial_values, windows
 from estimators.stereo.depth_bias import Weights, observation_model
+from estimators.stereo.image_space import ImageProblem, adjust_images
 from estimators.stereo.initial_values import Axes
 from estimators.stereo.object_motion import (
     Problem,
@@ -47,6 +48,7 @@ class _Points:
     track: Int[Array, "k"]
     l: Float[Array, "k 3"]
     C: Float[Array, "k 3 3"]
+    uv: Float[Array, "k 4"]
     W_uv: Float[Array, "k 4 4"]
 
 
@@ -56,7 +58,8 @@ class SlidingWindowAdjustment:
 
     window: number of frames m; start_window: m0, the first adjustment waits for so many; min_overlap: frames a track
     shares with the window at least (3.3); weights "observed", "averaged" or "estimated" with second_order correction
-    (4.1.2-4.1.3); initial: axes of the start values (3.7.1.1), "best" tries three and keeps the lower cost;
+    (4.1.2-4.1.3); space: "object" adjusts triangulated points, "image" goes on from there to the least reprojection
+    error, as a yardstick; initial: axes of the start values (3.7.1.1), "best" tries three and keeps the lower cost;
     propagate: start from the last window where there is one (3.7.1.2), which also keeps the object frame; stop,
     tolerance, max_iterations (2.1.5).
     """
@@ -66,6 +69,7 @@ class SlidingWindowAdjustment:
     min_overlap: int = 2
     weights: Weights = "estimated"
     second_order: bool = True
+    space: Literal["object", "image"] = "object"
     initial: Axes | Literal["best"] = "best"
     propagate: bool = True
     stop: Stop = "decrement"
@@ -131,7 +135,14 @@ class SlidingWindowAdjustment:
         propagated = _propagated(observations.t_s, frames, previous)
         try:
             start, solution = self._best(problem, propagated)
-            return _finished(problem, start, solution, frames, tracks, observations.t_s, previous)
+            r = redundancy(problem)
+            if self.space == "image":
+                images = ImageProblem(
+                    points.rig, problem.frame, problem.point, points.uv[rows], points.W_uv[rows], problem.m, problem.n
+                )
+                solution = adjust_images(images, solution, self.stop, self.tolerance, self.max_iterations)
+                r = images.redundancy
+            return _finished(problem, start, solution, r, frames, tracks, observations.t_s, previous)
         except SingularSystem as error:
             return EstimationFailed(str(error), ("too few or collinear tracks", "outliers among the tracks"))
 
@@ -177,19 +188,21 @@ def _finished(
     problem: Problem,
     start: Poses,
     s: Solution,
+    r: int,
     frames: Int[Array, "m"],
     tracks: Int[Array, "n"],
     t_s: Float[Array, "f"],
     previous: WindowEstimate | None,
 ) -> WindowEstimate:
-    """The solution in the datum of the points known from the last window, else of its start values; with covariance."""
+    """The solution of redundancy r, with covariance, in the datum of the points known from the last window, else of its
+    start values.
+    """
     Q, shift = align(s.X, points_by_mean(problem, *start))
     if previous is not None:
         _, old, new = np.intersect1d(previous.track, tracks, return_indices=True)
         if len(new) >= windows.MIN_POINTS:
             Q, shift = align(s.X[new], previous.X_o[old])
     R = s.R @ Q.T
-    r = redundancy(problem)
     return WindowEstimate(
         frames=frames,
         T_co=Pose(R, s.T - (R @ shift[:, None])[:, :, 0]),
@@ -208,7 +221,7 @@ def _triangulated(observations: Observations) -> _Points:
     rig, uv, cov = undistorted(observations.rig, tracks.uv, tracks.cov)
     l, C = triangulate(rig, uv, cov)
     good = np.isfinite(l).all(axis=1)
-    return _Points(rig, tracks.frame[good], tracks.track[good], l[good], C[good], np.linalg.inv(cov[good]))
+    return _Points(rig, tracks.frame[good], tracks.track[good], l[good], C[good], uv[good], np.linalg.inv(cov[good]))
 
 
 def _problem(
