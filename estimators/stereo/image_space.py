@@ -1,26 +1,30 @@
 """Bundle adjustment in image space, the yardstick of the object-space variants.
 
-    uv_it + v_it = pi(R_t X_i + T_t),   linearised  dl + v = J [-S(R X)  I] [dr_t; dT_t] + J R_t dX_i
+    uv_it + v_it = pi(R_t X_i + T_t),   linearised   dl + v = J ([-S(R X)  I] [dr_t; dT_t] + R_t dX_i)
 
 pi projects into both images, J is its Jacobian (4 x 3). All four coordinates enter with their covariance; no
 triangulation stands between, so nothing of its bias and of the weights' question (Siegemund 2008, 4.1.2-4.1.3) either.
+
+Gauss-Newton creeps where short tracks hold many frames together: their weak directions have less curvature than the
+residuals. So the steps are Newton's, with the second derivatives of rotation and projection.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimators.gauss_markov import SingularSystem, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.gauss_markov import Blocks, SingularSystem, normal_blocks, reduce_points, spectrum, sum_by
 from estimators.stereo.object_motion import Solution, Stop, design, null_space
 from estimators.stereo.triangulation import information
-from sim.camera import StereoRig
-from sim.pose import exp_so3
+from sim.camera import Camera, StereoRig
+from sim.pose import exp_so3, hat
 
 Array = np.ndarray
 _TRIES = 14
+_GAUSS_NEWTON_STEPS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +48,6 @@ class ImageProblem:
     def camera_points(self, R: Array, T: Array, X: Array) -> Float[Array, "k 3"]:
         return np.asarray((R[self.frame] @ X[self.point][:, :, None])[:, :, 0] + T[self.frame])
 
-    def jacobians(self, R: Array, T: Array, X: Array) -> tuple[Float[Array, "k 4 6"], Float[Array, "k 4 3"]]:
-        """Derivatives of the projections by the pose of their frame and by their point."""
-        R_k = R[self.frame]
-        J = self.rig.project_jacobian(self.camera_points(R, T, X))
-        return J @ design(R_k, X[self.point]), J @ R_k
-
     def residuals(self, R: Array, T: Array, X: Array) -> Float[Array, "k 4"]:
         """Observed minus projected coordinates; NaN behind the cameras."""
         return np.asarray(self.uv - self.rig.project(self.camera_points(R, T, X)))
@@ -57,6 +55,39 @@ class ImageProblem:
     def cost(self, R: Array, T: Array, X: Array) -> float:
         v = self.residuals(R, T, X)
         return float(np.einsum("ka,kab,kb->", v, self.W_uv, v))
+
+    def blocks(self, R: Array, T: Array, X: Array, newton: bool = True) -> Blocks:
+        """Normal equations, Newton's or Gauss-Newton's: half the cost's negative gradient and second derivatives."""
+        R_k, X_k, Y = R[self.frame], X[self.point], self.camera_points(R, T, X)
+        Wr = (self.W_uv @ self.residuals(R, T, X)[:, :, None])[:, :, 0]
+        J = self.rig.project_jacobian(Y)
+        pull = (np.swapaxes(J, 1, 2) @ Wr[:, :, None])[:, :, 0]
+        A, W = design(R_k, X_k), information(self.rig, Y, self.W_uv)
+        b_p, b_X = np.einsum("kap,ka->kp", A, pull), np.einsum("kab,ka->kb", R_k, pull)
+        if not newton:
+            return replace(normal_blocks(A, R_k, W, np.zeros_like(pull)), b_p=b_p, b_X=b_X)
+        blocks = normal_blocks(A, R_k, W - projection_curvature(self.rig, Y, Wr), np.zeros_like(pull))
+        a = (R_k @ X_k[:, :, None])[:, :, 0]
+        ga = -pull[:, :, None] * a[:, None, :]
+        N_pp, N_pX = blocks.N_pp.copy(), blocks.N_pX.copy()
+        N_pp[:, :3, :3] += (ga + np.swapaxes(ga, 1, 2)) / 2 + np.sum(pull * a, axis=1)[:, None, None] * np.eye(3)
+        N_pX[:, :3] += hat(pull) @ R_k
+        return Blocks(N_pp, N_pX, blocks.N_XX, b_p, b_X)
+
+
+def projection_curvature(rig: StereoRig, p: Float[Array, "k 3"], s: Float[Array, "k 4"]) -> Float[Array, "k 3 3"]:
+    """sum_c s_c H_c over the image coordinates, H_c the Hessian of the ideal projection at p (left camera frame)."""
+    R = rig.T_rl.R
+    right = _camera_curvature(rig.right, rig.T_rl.apply(p), s[:, 2:])
+    return np.asarray(_camera_curvature(rig.left, p, s[:, :2]) + R.T @ right @ R)
+
+
+def _camera_curvature(camera: Camera, p: Array, s: Array) -> Array:
+    q, z = s @ camera.K[:2, :2], p[:, 2:]
+    H = np.zeros((len(p), 3, 3))
+    H[:, :2, 2] = H[:, 2, :2] = -q / z**2
+    H[:, 2, 2] = 2 * np.sum(q * p[:, :2], axis=1) / z[:, 0] ** 3
+    return H
 
 
 def adjust_images(
@@ -66,7 +97,7 @@ def adjust_images(
     tolerance: float = 1e-6,
     max_iterations: int = 50,
 ) -> Solution:
-    """Gauss-Newton over poses and points at once, damped where a step does not lower the cost (2.2.6).
+    """Newton's method over poses and points at once, damped where a step does not lower the cost (2.2.6).
 
     start: an object-space solution, near enough for the residuals to be noise. The weights of the result are those of
     the points, J' W_uv J, as `motion_covariance` takes them. Stop criteria as in `object_motion.adjust`.
@@ -77,10 +108,9 @@ def adjust_images(
     R, T, X, damping = start.R, start.T, start.X, 0.0
     cost = problem.cost(R, T, X)
     for iteration in range(1, max_iterations + 1):
-        A, B = problem.jacobians(R, T, X)
-        blocks = normal_blocks(A, B, problem.W_uv, problem.residuals(R, T, X))
+        blocks = problem.blocks(R, T, X, iteration > _GAUSS_NEWTON_STEPS)
         reduced = reduce_points(problem.frame, problem.point, blocks, problem.m, problem.n)
-        scale = np.sqrt(np.einsum("tpp->tp", sum_by(problem.frame, blocks.N_pp, problem.m))).ravel()
+        scale = np.sqrt(np.abs(np.einsum("tpp->tp", sum_by(problem.frame, blocks.N_pp, problem.m)))).ravel()
         system = spectrum(reduced.S, scale, null_space(R))
         for _ in range(_TRIES):
             dp = system.solve(reduced.rhs, damping)
@@ -101,6 +131,8 @@ def adjust_images(
             change = float(reduced.rhs @ system.solve(reduced.rhs) + np.sum(reduced.b_X * reduced.points(0 * dp)))
         elif stop == "update":
             change = float(np.abs(dp).max())
+        elif system.values[0] <= 0:
+            continue
         else:
             change = float(np.max(np.abs(dp) / np.sqrt(np.diag(system.inverse()))))
         if change < tolerance:
