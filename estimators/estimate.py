@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from sim.observations import Observations
 from sim.pose import Pose
 
 _FILE = "estimate.npz"
+_NONE = np.empty(0, int)
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,8 @@ class WindowEstimate:
 
     (velocity and rate by differences of the window's last two frames, Siegemund 2008, 3.8.2, second way);
     sigma_0 estimated standard deviation of unit weight (2.1.22), redundancy, iterations; cost v'Wv.
-    ``cov`` is that of the *stated* sigmas (variance factor 1).
+    ``cov`` is that of the *stated* sigmas (variance factor 1). rejected (q,) tracks taken for outliers and left out;
+    second_group (g,) those of them that move together as another rigid body.
     """
 
     frames: Int[np.ndarray, "m"]
@@ -51,6 +53,8 @@ class WindowEstimate:
     redundancy: int
     iterations: int
     cost: float
+    rejected: Int[np.ndarray, "q"] = field(default_factory=lambda: _NONE)
+    second_group: Int[np.ndarray, "g"] = field(default_factory=lambda: _NONE)
 
     def __post_init__(self) -> None:
         freeze_fields(self)

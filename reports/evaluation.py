@@ -10,9 +10,11 @@ import pandas as pd
 from estimators.estimate import EstimationFailed, TrajectoryEstimate
 from reports.consistency import NEES_COLUMNS, nees_table
 from reports.errors import compare_windows, comparison_table
+from reports.windows import true_outliers
 from sim.observations import Tracks
 from sim.truth import Truth
 
+OUTLIER_COLUMNS = ["tp", "fp", "fn"]
 VISIBLE_POINTS = 30  # a frame with fewer visible points need not be estimated
 
 
@@ -22,7 +24,7 @@ class Evaluation:
 
     wanted: frames in which enough of the target is visible, estimated: those of them with an estimate; windows tried
     and failed; overlap: frames of the longest window; over_ground: what speed and yaw rate refer to; runtime_s NaN
-    where nothing was estimated.
+    where nothing was estimated; outliers: true, false and missed ones per window (tp, fp, fn), empty without any.
     """
 
     scenario: str
@@ -38,6 +40,7 @@ class Evaluation:
     overlap: int
     over_ground: bool
     runtime_s: float
+    outliers: pd.DataFrame
 
 
 def evaluate(
@@ -56,12 +59,14 @@ def evaluate(
     frames: list[int] = []
     nees = pd.DataFrame(columns=NEES_COLUMNS)
     windows, overlap, over_ground, runtime_s = 1, 1, False, np.nan
+    outliers = pd.DataFrame(columns=OUTLIER_COLUMNS)
     if isinstance(estimate, TrajectoryEstimate):
         comparisons = compare_windows(truth, tracks, estimate)
         nees = nees_table(truth, estimate, comparisons, scenario=scenario, seed=seed, run=run, estimator=estimator)
         frames = [int(w.frames[-1]) for w in estimate.windows]
         windows = len(estimate.windows) + len(estimate.failures)
         overlap = max((len(w.frames) for w in estimate.windows), default=1)
+        outliers = _outliers(truth, tracks, estimate)
         over_ground, runtime_s = estimate.T_wc is not None, estimate.runtime_s
     return Evaluation(
         scenario,
@@ -77,4 +82,15 @@ def evaluate(
         overlap=overlap,
         over_ground=over_ground,
         runtime_s=runtime_s,
+        outliers=outliers,
     )
+
+
+def _outliers(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> pd.DataFrame:
+    rows = []
+    for window in estimate.windows:
+        wrong = true_outliers(truth, tracks, window)
+        hit = np.isin(window.rejected, wrong).sum()
+        rows.append((int(hit), int(len(window.rejected) - hit), int(len(wrong) - hit)))
+    table = pd.DataFrame(rows, columns=OUTLIER_COLUMNS)
+    return table if table.to_numpy().any() else table.iloc[:0]

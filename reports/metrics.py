@@ -213,6 +213,10 @@ def _support_rows(group: list[Evaluation], table: pd.DataFrame) -> Iterator[dict
         share = sum(e.estimated for e in group) / wanted
         yield _row("trajectory", "all", "converged", share, "1", "higher", wanted)
     yield _row("trajectory", "all", "failed", sum(e.failed for e in group), "1", "lower", windows)
+    outliers = pd.concat([e.outliers for e in group], ignore_index=True)
+    for name in outliers.columns if len(outliers) else ():
+        direction: Direction = "higher" if name == "tp" else "lower"
+        yield _row("outlier", "all", name, float(outliers[name].astype(float).mean()), "1", direction, len(outliers))
     failures = table[table["quantity"] == "failure"]
     for reason, count in failures["entity"].value_counts(sort=False).items():
         yield _row("failure", "all", "failed", count, "1", "lower", windows) | {"entity": reason}

@@ -85,6 +85,18 @@ def inlier_tracks(truth: Truth, tracks: Tracks, window: WindowEstimate) -> Bool[
     return np.asarray(np.isin(window.track, on_target) & ~np.isin(window.track, spoilt))
 
 
+def true_outliers(truth: Truth, tracks: Tracks, window: WindowEstimate) -> Int[Array, "q"]:
+    """Tracks of a window, used or rejected, that are outliers in it.
+
+    A track that has jumped to another point before the window begins is a good track of that point.
+    """
+    rows = np.isin(tracks.frame, window.frames) & np.isin(tracks.track, np.concatenate([window.track, window.rejected]))
+    kind, track = truth.labels.kind[rows], tracks.track[rows]
+    jumped = np.isin(kind, [i + 1 for i, name in enumerate(truth.labels.kinds) if name == "temporal"])
+    before = np.unique(track[kind == INLIER])
+    return np.unique(track[(kind != INLIER) & (~jumped | np.isin(track, before))])
+
+
 def compare_window(truth: Truth, tracks: Tracks, window: WindowEstimate, T_wc: Pose | None) -> WindowComparison | None:
     """Estimate against truth at the window's newest frame; T_wc (m,) the ego poses the estimator used, or None.
 

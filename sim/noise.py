@@ -87,7 +87,11 @@ def add_noise(draft: Draft, o: NoiseOutlier, tracks: Array, kind: int, _: Settin
 def wrong_stereo(
     draft: Draft, o: StereoOutlier, tracks: Array, kind: int, setting: Setting, rng: np.random.Generator
 ) -> Draft:
-    """In some frames the right coordinates are those of another surface point near the same image row."""
+    """In some frames the right coordinates are those of another surface point near the same image row.
+
+    As a matcher does, it looks only where the rays meet in front of the cameras.
+    """
+    rig = setting.world.rig
     uv = draft.uv.copy()
     rows = np.concatenate([_some_rows(draft, t, o.frames, rng) for t in tracks.tolist()] or [np.empty(0, int)])
     for r in rows:
@@ -95,11 +99,13 @@ def wrong_stereo(
         others = setting.pool_uv[k][setting.pool_seen[k]]
         own = draft.uv_true[r]
         row_distance, shift = np.abs(others[:, 3] - own[3]), np.abs(others[:, 2] - own[2])
-        candidates = others[(row_distance < 2.0) & (shift > 3.0)]
+        far = rig.right.project(rig.T_rl.R @ rig.left.unproject(own[:2], np.array(1.0)))[0] - 1.0
+        candidates = others[(row_distance < 2.0) & (shift > 3.0) & (others[:, 2] < far)]
         if len(candidates):
             uv[r, 2:] = rng.choice(candidates)[2:] + noise[2:]
         else:
-            uv[r, 2] += rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 12.0)
+            step = rng.choice([-1.0, 1.0]) * rng.uniform(3.0, 12.0)
+            uv[r, 2] += step if own[2] + step < far else -abs(step)
     return _changed(draft, rows, uv[rows], kind)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -26,6 +26,7 @@ from estimators.stereo.object_motion import (
     points_by_mean,
     redundancy,
 )
+from estimators.stereo.outliers import DETECTORS, select_points
 from estimators.stereo.triangulation import triangulate, undistorted
 from estimators.stereo.vehicle import interpret
 from sim.camera import StereoRig
@@ -59,7 +60,8 @@ class SlidingWindowAdjustment:
     window: number of frames m; start_window: m0, the first adjustment waits for so many; min_overlap: frames a track
     shares with the window at least (3.3); weights "observed", "averaged" or "estimated" with second_order correction
     (4.1.2-4.1.3); space: "object" adjusts triangulated points, "image" goes on from there to the least reprojection
-    error, as a yardstick; initial: axes of the start values (3.7.1.1), "best" tries three and keeps the lower cost;
+    error, as a yardstick; outliers: detector among the tracks of a window (3.4), see `estimators.stereo.outliers`;
+    initial: axes of the start values (3.7.1.1), "best" tries three and keeps the lower cost;
     propagate: start from the last window where there is one (3.7.1.2), which also keeps the object frame; stop,
     tolerance, max_iterations (2.1.5).
     """
@@ -70,6 +72,7 @@ class SlidingWindowAdjustment:
     weights: Weights = "estimated"
     second_order: bool = True
     space: Literal["object", "image"] = "object"
+    outliers: Literal["none", "ransac", "points", "points_source", "tracks", "tracks_source", "robust"] = "none"
     initial: Axes | Literal["best"] = "best"
     propagate: bool = True
     stop: Stop = "decrement"
@@ -135,14 +138,22 @@ class SlidingWindowAdjustment:
         propagated = _propagated(observations.t_s, frames, previous)
         try:
             start, solution = self._best(problem, propagated)
+            inlier, second = np.ones(problem.n, bool), np.zeros(problem.n, bool)
+            if self.outliers != "none":
+                verdict = DETECTORS[self.outliers](problem, start, self._adjust)
+                inlier, solution = verdict.inlier, verdict.solution
+                second = second if verdict.second_group is None else verdict.second_group
+                problem = select_points(problem, inlier)
             r = redundancy(problem)
             if self.space == "image":
+                good = np.flatnonzero(rows)[np.isin(points.track[rows], tracks[inlier])]
                 images = ImageProblem(
-                    points.rig, problem.frame, problem.point, points.uv[rows], points.W_uv[rows], problem.m, problem.n
+                    points.rig, problem.frame, problem.point, points.uv[good], points.W_uv[good], problem.m, problem.n
                 )
                 solution = adjust_images(images, solution, self.stop, self.tolerance, self.max_iterations)
                 r = images.redundancy
-            return _finished(problem, start, solution, r, frames, tracks, observations.t_s, previous)
+            result = _finished(problem, start, solution, r, frames, tracks[inlier], observations.t_s, previous)
+            return replace(result, rejected=tracks[~inlier], second_group=tracks[second])
         except SingularSystem as error:
             return EstimationFailed(str(error), ("too few or collinear tracks", "outliers among the tracks"))
 
