@@ -27,7 +27,7 @@ class PriorKnowledge:
     def threshold(self, rig: StereoRig, cov: Float[Array, "4 4"], distance_m: Float[Array, "m"]) -> Float[Array, "m"]:
         """S for centroids at these distances; cov of the image coordinates of a point [px²]."""
         p = np.multiply.outer(np.minimum(distance_m + self.extent_m, FAR_M), [0.0, 0.0, 1.0])
-        C = np.linalg.inv(information(rig, p, np.linalg.inv(cov)))
+        C = np.linalg.inv(information(rig, p, np.tile(np.linalg.inv(cov), (len(p), 1, 1))))
         return np.asarray(self.extent_m + 2 * np.sqrt(C[:, 2, 2]))
 
     def __call__(

@@ -38,7 +38,7 @@ class Fit:
     """
 
     order: Int[Array, "k"]
-    first: Int[Array, "n+1"]
+    first: Int[Array, "b"]
     frame: Int[Array, "k"]
     R: Float[Array, "m 3 3"]
     T: Float[Array, "m 3"]

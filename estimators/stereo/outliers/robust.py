@@ -148,7 +148,8 @@ def _consensus(problem: Problem, limit: Array, group: Bool[Array, "n"]) -> Fit |
         everyone = np.ones(part.n)
         fits = [_settle(part, fit(part, *poses), everyone) for poses in _starts(part)]
         best = min(fits, key=lambda f: float(f.cost.sum()))
-        return _graduate(problem, limit, fit(problem, best.R, best.T), _FROM_GROUP)
+        f = fit(problem, best.R, best.T)
+        return _graduate(problem, limit, f, min(_FROM_GROUP, _convex(f.cost[group] / limit[group])))
     except SingularSystem:
         return None
 
@@ -171,8 +172,12 @@ def _graduate(problem: Problem, limit: Array, f: Fit, mu: float) -> Fit:
 def _from_all(problem: Problem, limit: Array, start: Poses) -> Fit:
     """Graduated non-convexity from least squares over all tracks, where the truncated cost is convex."""
     f = _settle(problem, fit(problem, *start), np.ones(problem.n))
-    worst = min(float(np.max(f.cost / limit)), _WORST)
-    return _graduate(problem, limit, f, 1 / max(2 * worst - 1, 1.0))
+    return _graduate(problem, limit, f, _convex(f.cost / limit))
+
+
+def _convex(tau: Float[Array, "n"]) -> float:
+    """Graduation at which the truncated cost is convex for all these values."""
+    return 1 / max(2 * min(float(tau.max()), _WORST) - 1, 1.0)
 
 
 def _settle(problem: Problem, f: Fit, w: Float[Array, "n"]) -> Fit:
