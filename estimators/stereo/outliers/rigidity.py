@@ -16,8 +16,6 @@ from estimators.stereo.object_motion import Problem
 Array = np.ndarray
 # A pair is dropped at this error probability: low, for a good track has many pairs and later tests decide.
 _LEVEL = 1e-3
-# Share of the group a track must keep its distance to.
-_AGREEMENT = 0.8
 
 
 def consistency(problem: Problem, C: Float[Array, "k 3 3"]) -> tuple[Bool[Array, "n n"], Bool[Array, "n n"]]:
@@ -47,8 +45,13 @@ def consistency(problem: Problem, C: Float[Array, "k 3 3"]) -> tuple[Bool[Array,
     return known & (limit > T), known
 
 
-def largest_group(agree: Bool[Array, "n n"], known: Bool[Array, "n n"], among: Bool[Array, "n"]) -> Bool[Array, "n"]:
-    """Tracks of the densest cluster, greedily in the order of the leading eigenvector of the graph."""
+def largest_group(
+    agree: Bool[Array, "n n"], known: Bool[Array, "n n"], among: Bool[Array, "n"], agreement: float = 0.9
+) -> Bool[Array, "n"]:
+    """Tracks of the densest cluster, greedily in the order of the leading eigenvector of the graph.
+
+    agreement: share of the group a track must keep its distance to.
+    """
     index = np.flatnonzero(among)
     group = np.zeros(len(among), bool)
     if len(index) < 2:
@@ -57,7 +60,7 @@ def largest_group(agree: Bool[Array, "n n"], known: Bool[Array, "n n"], among: B
     members: list[int] = []
     for i in index[np.argsort(-np.abs(vectors[:, -1]), kind="stable")].tolist():
         told = np.count_nonzero(known[i, members])
-        if not members or (told and np.count_nonzero(agree[i, members]) >= _AGREEMENT * told):
+        if not members or (told and np.count_nonzero(agree[i, members]) >= agreement * told):
             members.append(i)
     group[members] = True
     return group

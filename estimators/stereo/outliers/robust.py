@@ -34,8 +34,8 @@ _TRIES = 8
 _GRADUATION, _LAST = 1.6, 1e3
 # Where the convex cost begins: residuals so many times the quantile weigh nothing from the start.
 _WORST = 1e4
-# A start from a group that is rigid already need not begin with the convex cost.
-_FROM_GROUP = 0.05
+# From a group's own motion on, the others come in at once: the convex cost would let them pull it away.
+_FROM_GROUP = 0.5
 # A track that fits two motions belongs to the second only if it fits it better by so much (two standard deviations).
 _DOUBT = 4.0
 _STEPS, _REVISIONS = 12, 6
@@ -120,14 +120,16 @@ class Robust:
 
 
 def _search(problem: Problem, limit: Array, start: Poses, graph: Graph) -> Fit:
-    """The lowest truncated cost found: from the largest rigid group if it proves a majority, else also from the group
-    beside it and from all tracks."""
-    group = largest_group(*graph, np.ones(problem.n, bool))
+    """The lowest truncated cost found: from the largest rigid group if it proves a majority, else also from its part
+    in which all agree with all, from the group beside it and from all tracks."""
+    everyone = np.ones(problem.n, bool)
+    group = largest_group(*graph, everyone)
     found = _consensus(problem, limit, group)
     if found is not None and 2 * np.count_nonzero(_inside(found, limit)) > problem.n:
         return found
-    others = (_consensus(problem, limit, largest_group(*graph, ~group)), _from_all(problem, limit, start))
-    return min((f for f in (found, *others) if f is not None), key=lambda f: _truncated(f, limit))
+    more = (largest_group(*graph, everyone, agreement=1.0), largest_group(*graph, ~group))
+    candidates = [found, *(_consensus(problem, limit, g) for g in more), _from_all(problem, limit, start)]
+    return min((f for f in candidates if f is not None), key=lambda f: _truncated(f, limit))
 
 
 def _inside(f: Fit, limit: Array) -> Bool[Array, "n"]:
@@ -145,11 +147,9 @@ def _consensus(problem: Problem, limit: Array, group: Bool[Array, "n"]) -> Fit |
     """
     try:
         part = select_points(problem, group)
-        everyone = np.ones(part.n)
-        fits = [_settle(part, fit(part, *poses), everyone) for poses in _starts(part)]
-        best = min(fits, key=lambda f: float(f.cost.sum()))
-        f = fit(problem, best.R, best.T)
-        return _graduate(problem, limit, f, min(_FROM_GROUP, _convex(f.cost[group] / limit[group])))
+        fits = [_from_all(part, limit[group], poses) for poses in _starts(part)]
+        best = min(fits, key=lambda f: _truncated(f, limit[group]))
+        return _graduate(problem, limit, fit(problem, best.R, best.T), _FROM_GROUP)
     except SingularSystem:
         return None
 
