@@ -86,21 +86,6 @@ def comparison_table(
     return table[COMPARISON_COLUMNS]
 
 
-def error_table(
-    truth: Truth,
-    tracks: Tracks,
-    estimate: TrajectoryEstimate | EstimationFailed,
-    *,
-    scenario: str,
-    seed: int,
-    run: int,
-    estimator: str,
-) -> pd.DataFrame:
-    """The columns of errors.parquet; see `comparison_table`. A failed estimation has rows too."""
-    table = comparison_table(truth, tracks, estimate, scenario=scenario, seed=seed, run=run, estimator=estimator)
-    return table[ERROR_COLUMNS]
-
-
 def _failure(t_s: float, reason: str) -> Row:
     return ("failure", t_s, reason, "all", np.nan, 0.0, 1.0, np.nan, np.nan)
 

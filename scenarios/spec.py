@@ -68,7 +68,7 @@ def run_model() -> type[Scenario]:
     class Run(Scenario):
         """A scenario file: world, measurement and estimators."""
 
-        estimator: Annotated[tuple[one, ...], Field(min_length=1)]  # type: ignore[valid-type]
+        estimator: Annotated[tuple[one, ...], Field(min_length=1)]  # type: ignore[valid-type]  # made above
 
         @model_validator(mode="after")
         def _unique_labels(self) -> Run:

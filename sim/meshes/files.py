@@ -133,7 +133,7 @@ def _read(path: Path) -> tuple[Array, Array, Array]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             mesh = trimesh.load(path, force="mesh", process=False)
-    except Exception as error:
+    except Exception as error:  # every format has its own reader, and every reader its own errors
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise MeshError(f"{path}: not a mesh that can be read ({reason})") from error
     faces = np.asarray(getattr(mesh, "faces", np.zeros((0, 3))), np.int64).reshape(-1, 3)

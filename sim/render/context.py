@@ -55,7 +55,7 @@ def context() -> Any:
         platform = Platform(64, 64)
         platform.init_context()
         platform.make_current()
-    except Exception as error:
+    except Exception as error:  # EGL, OSMesa and their bindings each raise their own
         raise RendererUnavailable(
             f"OpenGL does not start on this machine ({type(error).__name__}: {error}): {_PACKAGES}"
         ) from error

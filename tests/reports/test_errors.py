@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.estimate import EstimationFailed, Failure
-from reports.errors import ERROR_COLUMNS, SMOOTHED, comparison_table, error_table
+from reports.errors import ERROR_COLUMNS, SMOOTHED, comparison_table
 from reports.windows import compare_window, inlier_tracks, standard_deviations, transport_jacobian
 from sim.pose import Pose, exp_so3, log_so3
 
@@ -23,8 +23,8 @@ def column(table, quantity, axis, entity="target"):
 
 
 def test_the_truth_has_no_error(world, keys):
-    table = error_table(world.truth, world.tracks, world.estimate, **keys)
-    assert list(table.columns) == ERROR_COLUMNS
+    table = comparison_table(world.truth, world.tracks, world.estimate, **keys)
+    assert list(table.columns)[: len(ERROR_COLUMNS)] == ERROR_COLUMNS
     assert np.abs(table["error"]).max() < 1e-7  # 1e-12 m over 0.04 s, over a lever of some metres
     assert set(table["quantity"]) == {
         *("position", "orientation", "reference_point", "velocity", "angular_rate", "speed", "yaw_rate", "shape"),
@@ -35,7 +35,7 @@ def test_the_truth_has_no_error(world, keys):
 
 def test_known_offset_is_the_position_error_of_every_frame(world, keys):
     offset = np.array([0.1, -0.2, 0.7])
-    table = error_table(world.truth, world.tracks, world.moved(Pose(np.eye(3), offset)), **keys)
+    table = comparison_table(world.truth, world.tracks, world.moved(Pose(np.eye(3), offset)), **keys)
     for entity in ("target", SMOOTHED):
         for i, axis in enumerate("xyz"):
             np.testing.assert_allclose(column(table, "position", axis, entity), offset[i], atol=EXACT)
@@ -50,7 +50,7 @@ def test_turned_cloud_is_the_orientation_error(world, keys):
             w, T_co=Pose.stack([_turn_about_centroid(T, w.X_o, turn) for T in (w.T_co[i] for i in range(len(w.T_co)))])
         )
     )
-    table = error_table(world.truth, world.tracks, estimate, **keys)
+    table = comparison_table(world.truth, world.tracks, estimate, **keys)
     for i, axis in enumerate("xyz"):
         np.testing.assert_allclose(column(table, "orientation", axis), turn[i], atol=EXACT)
         np.testing.assert_allclose(column(table, "position", axis), 0, atol=EXACT)
@@ -68,7 +68,7 @@ def test_wrong_velocity_is_the_velocity_error(world, keys):
         steps = np.arange(len(w.frames))[:, None] * dv * dt
         return replace(w, T_co=Pose(np.broadcast_to(np.eye(3), (len(steps), 3, 3)), steps) @ w.T_co)
 
-    table = error_table(world.truth, world.tracks, world.with_windows(faster), **keys)
+    table = comparison_table(world.truth, world.tracks, world.with_windows(faster), **keys)
     for i, axis in enumerate("xyz"):
         np.testing.assert_allclose(column(table, "velocity", axis), dv[i], atol=1e-9)
     true = world.truth.reference_velocity_c()[5]
@@ -79,7 +79,9 @@ def test_wrong_velocity_is_the_velocity_error(world, keys):
 def test_deformed_cloud_is_the_shape_error(world, keys):
     rng = np.random.default_rng(0)
     noise = rng.normal(0, 0.05, world.truth.point_v.shape)
-    table = error_table(world.truth, world.tracks, world.with_windows(lambda w: replace(w, X_o=w.X_o + noise)), **keys)
+    table = comparison_table(
+        world.truth, world.tracks, world.with_windows(lambda w: replace(w, X_o=w.X_o + noise)), **keys
+    )
     shape = column(table, "shape", "all")
     np.testing.assert_allclose(shape, shape[0], atol=1e-9)
     assert 0.05 < shape[0] < 0.05 * np.sqrt(3) * 1.2  # three axes of 0.05 m, less 6 of 72 degrees of freedom
@@ -94,8 +96,8 @@ def test_a_change_of_gauge_changes_nothing(world, keys):
         return replace(w, T_co=T_co, X_o=w.X_o @ Q.T + s)
 
     other = replace(noisy, windows=tuple(regauged(w) for w in noisy.windows))
-    a = error_table(world.truth, world.tracks, noisy, **keys)
-    b = error_table(world.truth, world.tracks, other, **keys)
+    a = comparison_table(world.truth, world.tracks, noisy, **keys)
+    b = comparison_table(world.truth, world.tracks, other, **keys)
     # 1e-13 m of rounding at 50 m from the origin, over 0.04 s
     np.testing.assert_allclose(a["error"], b["error"], atol=1e-9)
     np.testing.assert_allclose(a["sigma"], b["sigma"], rtol=1e-9)
@@ -105,7 +107,7 @@ def test_a_change_of_gauge_changes_nothing(world, keys):
 def test_turning_target_and_moving_ego(build_world, keys, over_ground):
     """Differences of two frames lag the instant by half an interval; nothing else remains."""
     w = build_world(yaw_rate=0.4, ego_speed=8.0, ego_yaw_rate=-0.2, ego_poses=over_ground)
-    table = error_table(w.truth, w.tracks, w.estimate, **keys)
+    table = comparison_table(w.truth, w.tracks, w.estimate, **keys)
     dt, relative_rate = 0.04, 0.6
     lag = dt / 2 * relative_rate * 60  # |omega x v| with v up to 26 m/s: course, ego and target turn
     assert max(np.abs(column(table, "velocity", a)).max() for a in "xyz") < lag
@@ -137,15 +139,15 @@ def test_outlier_tracks_are_left_out(world):
 
 
 def test_failures_have_rows(world, build_world, keys):
-    whole = error_table(world.truth, world.tracks, EstimationFailed("no tracks", ("look",)), **keys)
+    whole = comparison_table(world.truth, world.tracks, EstimationFailed("no tracks", ("look",)), **keys)
     assert whole[["quantity", "entity", "error"]].to_numpy().tolist() == [["failure", "no tracks", 1.0]]
     w = build_world(failures=(Failure(12, "singular"),))
-    table = error_table(w.truth, w.tracks, w.estimate, **keys)
+    table = comparison_table(w.truth, w.tracks, w.estimate, **keys)
     failed = table[table["quantity"] == "failure"]
     assert failed["entity"].tolist() == ["singular"]
     assert failed["t_s"].tolist() == [12 / 25]
     all_outliers = replace(w.truth, point_v=np.full_like(w.truth.point_v, np.nan))
-    table = error_table(all_outliers, w.tracks, w.estimate, **keys)
+    table = comparison_table(all_outliers, w.tracks, w.estimate, **keys)
     assert (table["quantity"] == "failure").all()
     assert len(table) == len(w.estimate.windows) + 1
 

@@ -9,15 +9,15 @@ from pathlib import Path
 import pytest
 
 from sim.render import RendererUnavailable
-from tests.scenarios.conftest import QUICK, Command
+from tests.scenarios.conftest import QUICK, Command, Result
 
 LABELS = Path(__file__).resolve().parents[2] / "scenarios" / "data" / "overtaking.txt"
 
 
-def refused(result: object, *words: str) -> None:
+def refused(result: Result, *words: str) -> None:
     """One line on standard error with all the words, status 2, and no output folder."""
-    assert result.status == 2, result  # type: ignore[attr-defined]
-    lines = result.err.strip().splitlines()  # type: ignore[attr-defined]
+    assert result.status == 2, result
+    lines = result.err.strip().splitlines()
     assert len(lines) == 1, lines
     assert lines[0].startswith("pruefstand: ")
     for word in words:
@@ -106,7 +106,7 @@ def test_missing_or_broken_files(command: Command, tmp_path: Path) -> None:
     refused(command("run", str(broken)), "broken.toml", "title")
 
 
-def replay(command: Command, *settings: str) -> object:
+def replay(command: Command, *settings: str) -> Result:
     quick = ("render.enabled=false", "world.roadside=false", *settings)
     return command("run", "replay", *[w for s in quick for w in ("--set", s)])
 
@@ -174,6 +174,6 @@ def test_a_full_stage_leaves_nothing_half_written(
 
     monkeypatch.setattr("sim.truth.Truth.save", fail)
     result = quick_run()
-    assert result.status == 3  # type: ignore[attr-defined]
+    assert result.status == 3
     left = sorted(p.name for p in (tmp_path / "runs" / "oncoming-1").iterdir())
     assert left == ["provenance.json", "scenario.json"]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
@@ -16,11 +18,11 @@ SCENE = ("render.enabled=false", "world.roadside=false", "rig.frames=10", "vehic
 
 @pytest.mark.parametrize("detector", ["tracks", "robust"])
 @pytest.mark.parametrize("kind", ["noise", "stereo"])
-def test_a_detector_leaves_the_outliers_out_and_names_them(detector: str, kind: str) -> None:
+def test_a_detector_leaves_the_outliers_out_and_names_them(detector: Literal["tracks", "robust"], kind: str) -> None:
     scenario = spec.read("oncoming", [*SCENE, f"outliers=[{{kind='{kind}', tracks=0.3}}]"])
     observations, truth = simulate(scenario)
     wrong = set(observations.tracks.track[truth.labels.kind > 0].tolist())
-    estimate = SlidingWindowAdjustment(start_window=10, outliers=detector)(observations)  # type: ignore[arg-type]
+    estimate = SlidingWindowAdjustment(start_window=10, outliers=detector)(observations)
     assert isinstance(estimate, TrajectoryEstimate)
     window = estimate.windows[-1]
     rejected, used = set(window.rejected.tolist()), set(window.track.tolist())
