@@ -1,0 +1,260 @@
+"""What is known about each estimate: systematic error in depth, efficiency, consistency and failures of every variant.
+
+Monte-Carlo runs of one scenario without pictures: the same tracks, new noise in every run. Two tables:
+
+depth       windows that grow to 10 frames and slide over the first 30 frames of the oncoming car (80 to 57 m), as in
+            Figures 4.1.4, 4.1.6 and 4.1.7 of Siegemund 2008: mean depth error of the newest frame's centroid, its 95 %
+            interval over the runs, and the same by 10 m of true distance.
+efficiency  one window of 10 frames in every run; its newest frame moves through frames 59 to 69 (33 to 25 m, all
+            frames nearer than 40 m) from run to run. Efficiency is sqrt(sum of squared bounds / sum of squared errors)
+            over x, y, z of all runs, with the Cramer-Rao bound of the true geometry; 95 % bootstrap over the runs.
+            Velocity is that of the middle of the rear axle, by the last two frames.
+
+NEES (expected: 1) is that of the last window of every run: mean over its six degrees of freedom. Beyond some 50 m the
+estimated cloud has the shape of its depth noise, and its rotation against the true one is no linear matter any more.
+
+    python -m benchmarks.accuracy [depth] [efficiency] [--runs N] [--frames A:B] [--variants LABEL ...]
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from estimators.stereo.sliding_window import SlidingWindowAdjustment
+from reports.bootstrap import interval
+from reports.consistency import DOF, band
+from reports.errors import SMOOTHED
+from reports.evaluation import Evaluation, evaluate
+from reports.metrics import BIN_M
+from scenarios.spec import read
+from sim.observations import Observations
+from sim.simulate import simulate
+from sim.streams import stream
+from sim.truth import Truth
+
+Array = np.ndarray
+WINDOW = 10
+VARIANTS: dict[str, dict[str, Any]] = {
+    "observed": {"weights": "observed", "second_order": False},
+    "averaged": {"weights": "averaged", "second_order": False},
+    "estimated": {"weights": "estimated", "second_order": False},
+    "estimated + 2nd order": {"weights": "estimated", "second_order": True},
+    "image space": {"space": "image"},
+}
+QUANTITIES = ("position", "velocity")
+WORKERS = 2
+# Each worker's share of two cores; set before NumPy's libraries start in it.
+_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
+
+
+@dataclass(frozen=True)
+class Table:
+    """What a table is made of: its scenario, frames first to last - 1, number of runs, one window in a run or all."""
+
+    title: str
+    frames: tuple[int, int]
+    runs: int
+    single: bool
+    scenario: str = "oncoming"
+
+
+TABLES = {
+    "depth": Table("depth error, all windows", (0, 30), 100, single=False),
+    "efficiency": Table("efficiency, one window in a run", (50, 70), 500, single=True),
+}
+
+
+@cache
+def _scene(scenario: str) -> tuple[Observations, Truth, int]:
+    spec = read(scenario, ["render.enabled=false"])
+    if spec.outliers:
+        raise SystemExit(f"{scenario}: a scenario without outliers is needed, the bound knows none")
+    return *simulate(spec), spec.seed
+
+
+def measured(table: Table, run: int) -> tuple[Observations, Truth, tuple[int, int]]:
+    """Observations of all frames with the noise of a run, their truth, and the frames the estimators get."""
+    observations, truth, seed = _scene(table.scenario)
+    shape = truth.labels.uv_true.shape
+    noise = truth.labels.sigma_px[:, None] * stream(seed, run, "accuracy/pixels/noise").standard_normal(shape)
+    uv = truth.labels.uv_true + noise
+    tracks = replace(observations.tracks, uv_left=uv[:, :2], uv_right=uv[:, 2:])
+    first, last = table.frames
+    if table.single:
+        first += run % (last - first - WINDOW + 1)
+        last = first + WINDOW
+    return replace(observations, tracks=tracks), truth, (first, last)
+
+
+def part(observations: Observations, frames: tuple[int, int]) -> Observations:
+    """The frames first to last - 1; they keep their numbers."""
+    tracks, T_wc = observations.tracks, observations.T_wc
+    rows = (tracks.frame >= frames[0]) & (tracks.frame < frames[1])
+    T_wc = None if T_wc is None else T_wc[: frames[1]]
+    return replace(observations, t_s=observations.t_s[: frames[1]], tracks=tracks.select(rows), T_wc=T_wc)
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One run of one variant: errors and bounds (windows, 3) of each quantity, true distance (windows,) [m], NEES of
+    the last window, windows tried, reasons of failures."""
+
+    error: dict[str, Array]
+    bound: dict[str, Array]
+    distance_m: Array
+    nees: dict[str, float]
+    windows: int
+    failures: tuple[str, ...]
+
+
+def _summary(e: Evaluation) -> Run:
+    table = e.comparison
+    errors: dict[str, Array] = {}
+    bounds: dict[str, Array] = {}
+    distance = np.empty(0)
+    for quantity in QUANTITIES:
+        rows = table[(table["quantity"] == quantity) & (table["entity"] != SMOOTHED)]
+        wide = rows.pivot(index="t_s", columns="axis", values=["error", "bound"])
+        for target, name in ((errors, "error"), (bounds, "bound")):
+            target[quantity] = np.stack([wide[name, a].to_numpy(float) for a in "xyz"], axis=1)
+        distance = rows.loc[rows["axis"] == "z", "distance_m"].to_numpy(float)
+    last = e.nees[e.nees["t_s"] == e.nees["t_s"].max()]
+    nees = {str(q): float(v) for q, v in zip(last["quantity"], last["nees"], strict=True)}
+    failures = table.loc[table["quantity"] == "failure", "entity"]
+    return Run(errors, bounds, distance, nees, e.windows, tuple(str(f) for f in failures))
+
+
+def one_run(job: tuple[Table, int, Sequence[str]]) -> dict[str, Run]:
+    """Every variant on the same noise."""
+    table, run, variants = job
+    observations, truth, frames = measured(table, run)
+    given = part(observations, frames)
+    start = WINDOW if table.single else 3
+    result = {}
+    for label in variants:
+        estimate = SlidingWindowAdjustment(window=WINDOW, start_window=start, **VARIANTS[label])(given)
+        evaluation = evaluate(
+            truth, observations.tracks, estimate, scenario=table.scenario, seed=0, run=run, estimator=label
+        )
+        result[label] = _summary(evaluation)
+    return result
+
+
+def simulated(table: Table, variants: Sequence[str]) -> dict[str, list[Run]]:
+    """All runs of a table, by variant."""
+    os.environ.update(_ONE_THREAD)
+    jobs = [(table, run, tuple(variants)) for run in range(table.runs)]
+    with ProcessPoolExecutor(WORKERS, multiprocessing.get_context("spawn")) as pool:
+        results = list(pool.map(one_run, jobs, chunksize=5))
+    return {label: [r[label] for r in results] for label in variants}
+
+
+def _mean(v: Array) -> Array:
+    return np.asarray(v[..., 0].sum(axis=-1) / v[..., 1].sum(axis=-1))
+
+
+def _root_ratio(v: Array) -> Array:
+    return np.asarray(np.sqrt(_mean(v)))
+
+
+def _pooled(pool: Callable[[Array], Array], per_run: Sequence[tuple[float, float]]) -> tuple[float, float, float]:
+    """A ratio of sums over runs with its 95 % interval; NaN where there is nothing."""
+    values = np.array([v for v in per_run if v[1] > 0])
+    if not len(values):
+        return np.nan, np.nan, np.nan
+    return float(pool(values)), *interval(pool, values, 1, stream(0, 0, "accuracy/bootstrap"))
+
+
+def depth_bias(runs: Sequence[Run], near_m: float = 0.0, far_m: float = np.inf) -> tuple[float, float, float]:
+    """Mean depth error [m] of the windows whose true distance is in a range."""
+    sums = []
+    for r in runs:
+        inside = (r.distance_m >= near_m) & (r.distance_m < far_m)
+        sums.append((float(r.error["position"][inside, 2].sum()), float(inside.sum())))
+    return _pooled(_mean, sums)
+
+
+def efficiency(runs: Sequence[Run], quantity: str) -> tuple[float, float, float]:
+    """sqrt(sum of squared bounds / sum of squared errors)."""
+    sums = []
+    for r in runs:
+        known = np.isfinite(r.bound[quantity]).all(axis=1)
+        bound, error = (float((x[quantity][known] ** 2).sum()) for x in (r.bound, r.error))
+        sums.append((bound, error))
+    return _pooled(_root_ratio, sums)
+
+
+def _cells(values: Sequence[tuple[float, float, float]]) -> str:
+    return " ".join(f"{v:7.3f} [{low:6.3f} {high:6.3f}]" for v, low, high in values)
+
+
+def depth_lines(results: dict[str, list[Run]]) -> Iterator[str]:
+    """Depth error over all windows, then by distance."""
+    yield f"{'depth error [m]':<24} {'mean':>7} {'95 % interval':>15}"
+    for label, runs in results.items():
+        yield f"{label:<24} {_cells([depth_bias(runs)])}"
+    distances = np.concatenate([r.distance_m for runs in results.values() for r in runs])
+    bins = np.unique(np.floor(distances / BIN_M) * BIN_M)
+    yield f"\n{'depth error [m] at':<24}" + "".join(f"{f'{b:.0f}-{b + BIN_M:.0f} m':>14}" for b in bins)
+    for label, runs in results.items():
+        means = [depth_bias(runs, b, b + BIN_M) for b in bins]
+        yield f"{label:<24}" + "".join(f"{m:7.3f} ±{(high - low) / 2:5.3f}" for m, low, high in means)
+
+
+def efficiency_lines(results: dict[str, list[Run]]) -> Iterator[str]:
+    """Efficiency of position and velocity, NEES, share of failed windows."""
+    yield f"\n{'efficiency':<22}" + "".join(f"{q:>9} {'95 %':>14}" for q in QUANTITIES) + "  NEES p, v"
+    for label, runs in results.items():
+        cells = _cells([efficiency(runs, q) for q in QUANTITIES])
+        nees = [np.mean([r.nees[q] for r in runs if r.nees]) / DOF for q in ("pose", "velocity")]
+        yield f"{label:<22}{cells} {nees[0]:5.2f} {nees[1]:5.2f}"
+    n = max(len(runs) for runs in results.values())
+    yield "NEES: 99 % of an honest estimate's lie in {:.3f}..{:.3f}".format(*band(DOF, n))
+
+
+def failure_lines(results: dict[str, list[Run]]) -> Iterator[str]:
+    yield f"\n{'failed windows':<24} {'of':>6}"
+    for label, runs in results.items():
+        reasons = Counter(reason for r in runs for reason in r.failures)
+        yield f"{label:<24} {sum(r.windows for r in runs):>6}  {sum(reasons.values())}"
+        yield from (f"    {count:>5}  {reason}" for reason, count in reasons.most_common())
+
+
+def show(table: Table, variants: Sequence[str]) -> None:
+    results = simulated(table, variants)
+    first, last = table.frames
+    print(f"\n{table.scenario}: {table.title}; frames {first} to {last - 1}, {table.runs} runs\n")
+    for lines in (depth_lines, efficiency_lines, failure_lines):
+        print("\n".join(lines(results)), flush=True)
+
+
+def _frames(text: str) -> tuple[int, int]:
+    first, _, last = text.partition(":")
+    return int(first), int(last)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("tables", nargs="*", choices=[*TABLES, []], default=[], help="default: both")
+    parser.add_argument("--runs", type=int)
+    parser.add_argument("--frames", type=_frames, help="A:B, without B")
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS), metavar="LABEL")
+    arguments = parser.parse_args()
+    for name in arguments.tables or TABLES:
+        table = TABLES[name]
+        runs, frames = arguments.runs or table.runs, arguments.frames or table.frames
+        show(replace(table, runs=runs, frames=frames), arguments.variants)
+
+
+if __name__ == "__main__":
+    main()
