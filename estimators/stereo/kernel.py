@@ -77,6 +77,35 @@ class Tiles(NamedTuple):
     lane: Array
 
 
+class Terms(NamedTuple):
+    """What is known of the poses beyond the observations; `conditions.Conditions` says what the numbers mean.
+
+    With m frames: dt_s (m - 1,); R_wc (m, 3, 3) and t_wc (m, 3) ego poses; translation one of NO_SMOOTHING, WORLD_AXES,
+    BODY_AXES, rotation whether rates are smoothed; P (m - 2, 6, 6) weights of their changes, or scaled by gamma > 0
+    from the changes themselves; axis (m, 3) of the rotations in the camera, up (3,) in the object, with a weight
+    that is fixed or, where negative, adaptive; free (6m, f) allowed pose changes, empty where all are; datum (6, g)
+    allowed changes of the object frame.
+    """
+
+    dt_s: Array
+    R_wc: Array
+    t_wc: Array
+    translation: int
+    rotation: bool
+    P: Array
+    gamma: float
+    axis: Array
+    up: Array
+    axis_weight: float
+    free: Array
+    datum: Array
+
+
+NO_SMOOTHING, WORLD_AXES, BODY_AXES = range(3)
+# Standard deviations that adaptive weights do not fall below: m/s, rad/s and rad.
+_CALM_MPS, _CALM_RADPS, _CALM_RAD = 1e-3, 1e-3, 1e-4
+
+
 @compiled
 @no_type_check
 def rows(values: Array, columns: int, i: int) -> Array:
@@ -506,41 +535,214 @@ def _rotation(r: Array) -> Array:
     else:
         a = np.sqrt(a2)
         s, c = np.sin(a) / a, 2.0 * np.sin(a / 2.0) ** 2 / a2
-    S = np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
+    S = _hat(r)
     return np.eye(3) + s * S + c * (S @ S)
 
 
 @compiled
 @no_type_check
-def _without_datum(S: Array, scale: Array, R: Array) -> tuple[Array, Array]:
-    """P S P + G G' in units of ``scale`` and the orthonormal null space G (6m, 6); P projects onto its complement.
+def _hat(x: Array) -> Array:
+    return np.array([[0.0, -x[2], x[1]], [x[2], 0.0, -x[0]], [-x[1], x[0], 0.0]])
+
+
+@compiled
+@no_type_check
+def _rotation_vector(R: Array) -> Array:
+    """log of a rotation by less than half a turn, (3,)."""
+    s = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]]) / 2.0
+    sine = np.sqrt(np.dot(s, s))
+    if sine < 1e-6:
+        return s
+    return s * (np.arctan2(sine, (R[0, 0] + R[1, 1] + R[2, 2] - 1.0) / 2.0) / sine)
+
+
+@compiled
+@no_type_check
+def _left_jacobian(r: Array) -> Array:
+    """exp(r + dr) = exp(J dr) exp(r)."""
+    a2 = np.dot(r, r)
+    if a2 < 1e-6:
+        s, c = 0.5 - a2 / 24.0, 1.0 / 6.0 - a2 / 120.0
+    else:
+        a = np.sqrt(a2)
+        s, c = (1.0 - np.cos(a)) / a2, (a - np.sin(a)) / (a * a2)
+    S = _hat(r)
+    return np.eye(3) + s * S + c * (S @ S)
+
+
+@compiled
+@no_type_check
+def _step_motion(terms: Terms, R: Array, T: Array, t: int, v: Array, V: Array) -> None:
+    """Writes velocity and rate (6,) from frame t to the next and their derivatives (6, 12) by both poses."""
+    R_0, R_1 = terms.R_wc[t], terms.R_wc[t + 1]
+    A, B = R_0 @ R[t], R_1 @ R[t + 1]
+    d = np.dot(R_1, T[t + 1]) + terms.t_wc[t + 1] - np.dot(R_0, T[t]) - terms.t_wc[t]
+    E = B @ A.T
+    turn = _rotation_vector(E)
+    J_inv = np.linalg.inv(_left_jacobian(turn))
+    H = np.eye(3)
+    if terms.translation == BODY_AXES:
+        # In axes halfway between both frames: a constant turn has a constant velocity there, whatever the time steps.
+        half = _rotation(0.5 * turn)
+        H = np.ascontiguousarray((half @ A).T)
+        second = 0.5 * (_left_jacobian(0.5 * turn) @ J_inv)
+        HS = H @ _hat(d)
+        V[:3, :3] = HS @ ((half - second @ E) @ R_0)
+        V[:3, 6:9] = HS @ (second @ R_1)
+    v[:3], v[3:] = np.dot(H, d), turn
+    V[:3, 3:6], V[:3, 9:] = -(H @ R_0), H @ R_1
+    V[3:, :3], V[3:, 6:9] = -(J_inv @ (E @ R_0)), J_inv @ R_1
+    v /= terms.dt_s[t]
+    V /= terms.dt_s[t]
+
+
+@compiled
+@no_type_check
+def smoothness(terms: Terms, R: Array, T: Array) -> tuple[Array, Array]:
+    """Changes (m - 2, 6) of velocity and rate at the inner frames and their derivatives (m - 2, 6, 18) by the poses of
+    the frames before, at and after."""
+    m = len(terms.P) + 2
+    e, J = np.zeros((m - 2, 6)), np.zeros((m - 2, 6, 18))
+    v, V = np.zeros(6), np.zeros((6, 12))
+    for t in range(m - 1):
+        _step_motion(terms, R, T, t, v, V)
+        if t > 0:
+            e[t - 1] += v
+            J[t - 1, :, 6:] += V
+        if t < m - 2:
+            e[t] -= v
+            J[t, :, :12] -= V
+    return e, J
+
+
+@compiled
+@no_type_check
+def smoothness_weights(terms: Terms, e: Array) -> Array:
+    """Weights (m - 2, 6, 6) of the changes e: those given, or gamma over their second moments about zero (4.2.12).
+
+    Fewer than four changes do not fill a matrix of moments; then all directions weigh alike.
+    """
+    if terms.gamma <= 0.0 or len(e) == 0:
+        return terms.P
+    P = np.zeros_like(terms.P)
+    for part in range(2):
+        if (part == 0 and terms.translation == NO_SMOOTHING) or (part == 1 and not terms.rotation):
+            continue
+        x = np.ascontiguousarray(e[:, 3 * part : 3 * part + 3])
+        C = x.T @ x / len(e)
+        if len(e) < 4:
+            C = np.eye(3) * (np.trace(C) / 3.0)
+        calm = _CALM_MPS if part == 0 else _CALM_RADPS
+        P[:, 3 * part : 3 * part + 3, 3 * part : 3 * part + 3] = terms.gamma * np.linalg.inv(C + np.eye(3) * calm**2)
+    return P
+
+
+@compiled
+@no_type_check
+def tilt(terms: Terms, R: Array) -> tuple[Array, Array]:
+    """By how much the axis (m, 3) has left its place in the object, and the derivatives (m, 3, 3) by the rotations."""
+    m = len(R)
+    e, J = np.empty((m, 3)), np.empty((m, 3, 3))
+    for t in range(m):
+        R_t = np.ascontiguousarray(R[t].T)
+        e[t] = np.dot(R_t, terms.axis[t]) - terms.up
+        J[t] = R_t @ _hat(terms.axis[t])
+    return e, J
+
+
+@compiled
+@no_type_check
+def tilt_weight(terms: Terms, e: Array) -> float:
+    """Weight [1/rad²] of a tilt e (m, 3): the one given, or that of its mean square about both other axes."""
+    if terms.axis_weight >= 0.0:
+        return terms.axis_weight
+    return 1.0 / (np.sum(e * e) / (2.0 * len(e)) + _CALM_RAD**2)
+
+
+@compiled
+@no_type_check
+def _known_cost(terms: Terms, P: Array, weight: float, R: Array, T: Array) -> float:
+    """Share of the pseudo-observations in the cost."""
+    cost = 0.0
+    if len(P) > 0:
+        e, _ = smoothness(terms, R, T)
+        for t in range(len(P)):
+            cost += np.dot(e[t], np.dot(P[t], e[t]))
+    if weight > 0.0:
+        e, _ = tilt(terms, R)
+        cost += weight * np.sum(e * e)
+    return cost
+
+
+@compiled
+@no_type_check
+def _add_known(terms: Terms, P: Array, weight: float, R: Array, T: Array, S: Array, rhs: Array, scale: Array) -> None:
+    """Adds the pseudo-observations to the normal equations."""
+    if len(P) > 0:
+        e, J = smoothness(terms, R, T)
+        for t in range(len(P)):
+            i, JP = 6 * t, J[t].T @ P[t]
+            N = JP @ J[t]
+            S[i : i + 18, i : i + 18] += N
+            rhs[i : i + 18] -= np.dot(JP, e[t])
+            scale[i : i + 18] = np.sqrt(scale[i : i + 18] ** 2 + np.diag(N))
+    if weight > 0.0:
+        e, J = tilt(terms, R)
+        for t in range(len(R)):
+            i, N = 6 * t, weight * (J[t].T @ J[t])
+            S[i : i + 3, i : i + 3] += N
+            rhs[i : i + 3] -= weight * np.dot(J[t].T, e[t])
+            scale[i : i + 3] = np.sqrt(scale[i : i + 3] ** 2 + np.diag(N))
+
+
+@compiled
+@no_type_check
+def _datum(terms: Terms, R: Array) -> Array:
+    """Allowed pose changes that only move the object frame, (6m, g)."""
+    G = np.zeros((6 * len(R), terms.datum.shape[1]))
+    for t in range(len(R)):
+        G[6 * t : 6 * t + 3] = R[t] @ terms.datum[:3]
+        G[6 * t + 3 : 6 * t + 6] = R[t] @ terms.datum[3:]
+    return G
+
+
+@compiled
+@no_type_check
+def _without_datum(S: Array, scale: Array, G: Array) -> tuple[Array, Array]:
+    """P S P + G G' in units of ``scale`` and the null space G (p, g) made orthonormal; P projects onto its complement.
 
     The changes that only move the object frame get eigenvalues of one: no estimable quantity depends on them.
     """
-    m = len(R)
-    gram = np.zeros((2, 3, 3))
-    for t in range(m):
-        for half in range(2):
-            for a in range(3):
-                d = scale[6 * t + 3 * half + a] ** 2
-                for b in range(3):
-                    for c in range(3):
-                        gram[half, b, c] += d * R[t, a, b] * R[t, a, c]
-    G = np.zeros((6 * m, 6))
-    for half in range(2):
-        root = np.linalg.inv(np.linalg.cholesky(gram[half]))
-        for t in range(m):
-            for a in range(3):
-                row = 6 * t + 3 * half + a
-                for b in range(3):
-                    for c in range(b + 1):
-                        G[row, 3 * half + b] += scale[row] * R[t, a, c] * root[b, c]
+    G = G * scale.reshape(-1, 1)
+    root = np.linalg.inv(np.linalg.cholesky(G.T @ G))
+    G = np.dot(G, root.T)
     inverse = 1.0 / scale
     M = S * inverse * inverse.reshape(-1, 1)
     SG = np.dot(M, G)
-    B = SG - np.dot(G, 0.5 * (np.dot(G.T, SG) + np.eye(6)))
+    B = SG - np.dot(G, 0.5 * (np.dot(G.T, SG) + np.eye(G.shape[1])))
     GB = np.dot(G, B.T)
     return M - GB - GB.T, G
+
+
+@compiled
+@no_type_check
+def _system(
+    tiles: Tiles, terms: Terms, P: Array, weight: float, R: Array, T: Array, X: Array, factor: Array, newton: bool
+) -> tuple[Array, Array, Array, Array]:
+    """Matrix and right side for the allowed changes in units of the scale, the null space and the scale."""
+    S, rhs, scale = reduced_system(tiles, R, T, X, factor, newton)
+    _add_known(terms, P, weight, R, T, S, rhs, scale)
+    G = _datum(terms, R)
+    if terms.free.size > 0:
+        F = np.ascontiguousarray(terms.free.T)
+        S, rhs, G = np.dot(F, np.dot(S, terms.free)), np.dot(F, rhs), np.dot(F, G)
+        scale = np.sqrt(np.dot(F * F, scale * scale))
+    if not scale.min() > 0.0:
+        return S, rhs, G, scale
+    M, G = _without_datum(S, scale, G)
+    b = rhs / scale
+    # What is known may hold the object frame itself; its place is the start's all the same.
+    return M, b - np.dot(G, np.dot(G.T, b)), G, scale
 
 
 @compiled
@@ -583,18 +785,9 @@ def _step(M: Array, b: Array, damping: float) -> Array:
 
 @compiled
 @no_type_check
-def _relative_update(tiles: Tiles, R: Array, T: Array, X: Array, factor: Array, dp: Array) -> float:
-    """Largest pose change in units of its standard deviation."""
-    S, _, scale = reduced_system(tiles, R, T, X, factor, False)
-    M, G = _without_datum(S, scale, R)
-    variance = np.diag(np.linalg.inv(M)) - np.sum(G * G, axis=1)
-    return np.max(np.abs(dp) * scale / np.sqrt(variance))
-
-
-@compiled
-@no_type_check
 def descend(
     tiles: Tiles,
+    terms: Terms,
     follows: bool,
     second_order: bool,
     R_rl: Array,
@@ -612,25 +805,32 @@ def descend(
     """
     factor = np.empty(2 * len(X))
     damping, cost = 0.0, 0.0
+    P, weight = terms.P, max(terms.axis_weight, 0.0)
     for iteration in range(1, max_iterations + 1):
-        if follows and iteration <= _REWEIGHTED:
-            reweight(tiles, R, T, X, R_rl, t_rl, second_order)
+        if iteration <= _REWEIGHTED:
+            if follows:
+                reweight(tiles, R, T, X, R_rl, t_rl, second_order)
+            if terms.gamma > 0.0:
+                P = smoothness_weights(terms, smoothness(terms, R, T)[0])
+            if terms.axis_weight < 0.0:
+                weight = tilt_weight(terms, tilt(terms, R)[0])
         cost = best_points(tiles, R, T, X, factor)
         if np.isnan(cost):
             return UNDETERMINED_TRACK, iteration, cost
-        S, rhs, scale = reduced_system(tiles, R, T, X, factor, iteration > _GAUSS_NEWTON_STEPS)
+        cost += _known_cost(terms, P, weight, R, T)
+        M, b, _, scale = _system(tiles, terms, P, weight, R, T, X, factor, iteration > _GAUSS_NEWTON_STEPS)
         if not scale.min() > 0.0:
             return UNOBSERVED_POSE, iteration, cost
-        M, _ = _without_datum(S, scale, R)
-        b = rhs / scale
         R_new, T_new, cost_new = np.empty_like(R), np.empty_like(T), np.nan
         for _ in range(_TRIES):
             x = _step(M, b, damping)
             dp = x / scale
+            if terms.free.size > 0:
+                dp = np.dot(terms.free, dp)
             for t in range(len(R)):
                 R_new[t] = np.dot(_rotation(dp[6 * t : 6 * t + 3]), R[t])
                 T_new[t] = T[t] + dp[6 * t + 3 : 6 * t + 6]
-            cost_new = best_points(tiles, R_new, T_new, X, factor)
+            cost_new = best_points(tiles, R_new, T_new, X, factor) + _known_cost(terms, P, weight, R_new, T_new)
             if cost_new <= cost * (1.0 + 1e-12) + 1e-12:
                 break
             damping = max(10.0 * damping, 1e-6)
@@ -646,7 +846,8 @@ def descend(
         if stop == UPDATE:
             change = np.abs(dp).max()
         elif stop == RELATIVE_UPDATE:
-            change = _relative_update(tiles, R, T, X, factor, dp)
+            M, _, G, _ = _system(tiles, terms, P, weight, R, T, X, factor, False)
+            change = np.max(np.abs(x) / np.sqrt(np.diag(np.linalg.inv(M)) - np.sum(G * G, axis=1)))
         if change < tolerance:
             return CONVERGED, iteration, cost
     return EXHAUSTED, max_iterations, cost

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from estimators.gauss_markov import Reduced, SingularSystem, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.stereo.conditions import Conditions, no_terms
 from estimators.stereo.depth_bias import ObservationModel
 from estimators.stereo.kernel import (
     CONVERGED,
@@ -103,13 +104,31 @@ def align(X: Float[Array, "n 3"], to: Float[Array, "n 3"]) -> tuple[Float[Array,
     return Q, b - Q @ a
 
 
-def pose_covariance(frame: Array, point: Array, R: Array, X: Array, W: Array) -> tuple[Float[Array, "p p"], Reduced]:
-    """Covariance (6m, 6m) of the poses in the datum without null-space share, (2.1.21), and the reduced system."""
+def pose_covariance(
+    frame: Array,
+    point: Array,
+    R: Array,
+    X: Array,
+    W: Array,
+    T: Array | None = None,
+    conditions: Conditions | None = None,
+) -> tuple[Float[Array, "p p"], Reduced]:
+    """Covariance (6m, 6m) of the poses in the datum without null-space share, (2.1.21), and the reduced system.
+
+    T (m, 3) is needed where there are conditions.
+    """
     R_k = R[frame]
     blocks = normal_blocks(design(R_k, X[point]), R_k, W, np.zeros((len(frame), 3)))
     reduced = reduce_points(frame, point, blocks, len(R), len(X))
-    scale = np.sqrt(np.clip(np.diag(reduced.S), 0, None))
-    return spectrum(reduced.S, scale, null_space(R)).inverse(), reduced
+    S, G, free = reduced.S, null_space(R), None
+    if conditions is not None and T is not None:
+        known = conditions.pseudo_observations(R, T)
+        S, G, free = S + known.J.T @ known.P @ known.J, conditions.null_space(R), conditions.free
+    if free is not None:
+        S, G = free.T @ S @ free, free.T @ G
+    scale = np.sqrt(np.clip(np.diag(S), 0, None))
+    Sigma = spectrum(S, scale, G).inverse()
+    return Sigma if free is None else np.asarray(free @ Sigma @ free.T), reduced
 
 
 def adjust(
@@ -119,6 +138,7 @@ def adjust(
     stop: Stop = "decrement",
     tolerance: float = 1e-6,
     max_iterations: int = 50,
+    conditions: Conditions | None = None,
 ) -> Solution:
     """Gauss-Newton with the points solved anew for the poses of every iteration, carried on to Newton's method.
 
@@ -127,7 +147,8 @@ def adjust(
     does not lower the cost it is damped (Levenberg-Marquardt, (2.2.6)). The loop is `kernel.descend`.
 
     stop: "decrement" squared Newton decrement below the tolerance; "update" largest parameter change (2.1.19);
-    "relative_update" largest change in units of its standard deviation (2.1.20).
+    "relative_update" largest change in units of its standard deviation (2.1.20). Start poses must meet the fixed
+    ``conditions``, as `conditions.of_window` makes them.
 
     Raises
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
@@ -137,7 +158,8 @@ def adjust(
     model.fill(tiles)
     X = mean_points(tiles, problem.frame, problem.point, problem.l, R, T)
     T_rl = model.rig.T_rl
-    arguments = (tiles, model.W is None, model.second_order, T_rl.R, T_rl.t, R, T, X)
+    terms = no_terms(problem.m) if conditions is None else conditions.terms
+    arguments = (tiles, terms, model.W is None, model.second_order, T_rl.R, T_rl.t, R, T, X)
     try:
         status, iterations, cost = descend(*arguments, _STOPS.index(stop), tolerance, max_iterations)
     except np.linalg.LinAlgError as error:
@@ -154,17 +176,20 @@ def motion_covariance(
     X: Float[Array, "n 3"],
     W: Float[Array, "k 3 3"],
     dt_s: float,
+    T: Float[Array, "m 3"] | None = None,
+    conditions: Conditions | None = None,
 ) -> Float[Array, "12 12"]:
     """Joint covariance of the gauge-free functionals of `WindowEstimate.cov` at the last frame.
 
     frame (k,) in 0..m-1 and point (k,) in 0..n-1 of each observation, weights W (k, 3, 3) [1/m²] in the camera frame.
-    With the weights of the true geometry and the true noise it is the Cramer-Rao bound.
+    With the weights of the true geometry and the true noise it is the Cramer-Rao bound; with ``conditions`` (and T) it
+    is that of an estimator that knows them.
 
     Raises
         SingularSystem: the tracks do not determine the motion (fewer than three, collinear, no overlap).
     """
     m = len(R)
-    Sigma, reduced = pose_covariance(frame, point, R, X, W)
+    Sigma, reduced = pose_covariance(frame, point, R, X, W, T, conditions)
     F_p, F_X = _functionals(R[-2:], X, dt_s)
     F = np.zeros((12, 6 * m))
     F[:, 6 * (m - 2) :] = F_p
@@ -198,6 +223,14 @@ def _functionals(R: Array, X: Array, dt_s: float) -> tuple[Array, Array]:
     return F_p, F_X
 
 
-def redundancy(problem: Problem) -> int:
-    """3k - (6m + 3n) + 6: the datum conditions count (2.1.28)."""
-    return 3 * len(problem.frame) - 6 * problem.m - 3 * problem.n + 6
+def redundancy(problem: Problem, conditions: Conditions | None = None, poses: tuple[Array, Array] | None = None) -> int:
+    """3k - (6m + 3n) + 6: the datum conditions count, as do further ones at the poses (R, T) (2.1.28)."""
+    return 3 * len(problem.frame) - 3 * problem.n - unknown_poses(problem.m, conditions, poses)
+
+
+def unknown_poses(m: int, conditions: Conditions | None, poses: tuple[Array, Array] | None) -> int:
+    """Unknowns of m poses without datum and what is known of them: 6m - 6 where there are no conditions."""
+    if conditions is None or poses is None:
+        return 6 * m - 6
+    f = 6 * m if conditions.free is None else conditions.free.shape[1]
+    return int(f - conditions.null_space(poses[0]).shape[1] - conditions.pseudo_observations(*poses).count)
