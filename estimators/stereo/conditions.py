@@ -108,6 +108,11 @@ class Conditions:
         """Orthonormal basis (6m, f) of the pose changes that are allowed; None where all are."""
         return self.terms.free if self.terms.free.size else None
 
+    @property
+    def tied(self) -> bool:
+        """Whether the translations of some frames are fixed, and with them the object's origin."""
+        return not self.terms.datum[3:].any()
+
     def null_space(self, R: Float[Array, "m 3 3"]) -> Float[Array, "p g"]:
         """Allowed pose changes (6m, g) that only move the object frame."""
         G = np.zeros((len(R), 6, 6))

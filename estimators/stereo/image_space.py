@@ -16,7 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimators.gauss_markov import Blocks, SingularSystem, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.gauss_markov import Blocks, SingularSystem, Spectrum, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.stereo.conditions import Conditions
 from estimators.stereo.object_motion import Solution, Stop, design, null_space
 from estimators.stereo.triangulation import information
 from sim.camera import Camera, StereoRig
@@ -90,33 +91,75 @@ def _camera_curvature(camera: Camera, p: Array, s: Array) -> Array:
     return H
 
 
+@dataclass(frozen=True, eq=False)
+class _System:
+    """The reduced normal equations of the poses with what is known of them: rhs (6m,), free (6m, f) or None, and the
+    pseudo-observations with the weights they have in this step."""
+
+    spectrum: Spectrum
+    rhs: Float[Array, "p"]
+    free: Float[Array, "p f"] | None
+    conditions: Conditions | None
+    P: Float[Array, "q q"]
+
+    @staticmethod
+    def of(S: Array, rhs: Array, scale: Array, R: Array, T: Array, conditions: Conditions | None) -> _System:
+        if conditions is None:
+            return _System(spectrum(S, scale, null_space(R)), rhs, None, None, np.zeros((0, 0)))
+        known, G, free = conditions.pseudo_observations(R, T), conditions.null_space(R), conditions.free
+        N = known.J.T @ known.P @ known.J
+        S, rhs, scale = S + N, rhs - known.J.T @ known.P @ known.e, np.sqrt(scale**2 + np.diag(N))
+        if free is None:
+            return _System(spectrum(S, scale, G), rhs, None, conditions, known.P)
+        scale = np.sqrt((free * free).T @ scale**2)
+        return _System(spectrum(free.T @ S @ free, scale, free.T @ G), rhs, free, conditions, known.P)
+
+    def cost(self, R: Array, T: Array) -> float:
+        """Share of the pseudo-observations."""
+        if self.conditions is None:
+            return 0.0
+        e = self.conditions.pseudo_observations(R, T).e
+        return float(e @ self.P @ e)
+
+    def step(self, damping: float) -> Float[Array, "p"]:
+        if self.free is None:
+            return self.spectrum.solve(self.rhs, damping)
+        return np.asarray(self.free @ self.spectrum.solve(self.free.T @ self.rhs, damping))
+
+    def covariance(self) -> Float[Array, "p p"]:
+        """Of the poses; zero rows where fixed conditions leave no freedom."""
+        C = self.spectrum.inverse()
+        return C if self.free is None else np.asarray(self.free @ C @ self.free.T)
+
+
 def adjust_images(
     problem: ImageProblem,
     start: Solution,
     stop: Stop = "decrement",
     tolerance: float = 1e-6,
     max_iterations: int = 50,
+    conditions: Conditions | None = None,
 ) -> Solution:
     """Newton's method over poses and points at once, damped where a step does not lower the cost (2.2.6).
 
-    start: an object-space solution, near enough for the residuals to be noise. The weights of the result are those of
-    the points, J' W_uv J, as `motion_covariance` takes them. Stop criteria as in `object_motion.adjust`.
+    start: an object-space solution under the same conditions, near enough for the residuals to be noise. The weights of
+    the result are those of the points, J' W_uv J, as `motion_covariance` takes them; stop as in `adjust`.
 
     Raises
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
     """
     R, T, X, damping = start.R, start.T, start.X, 0.0
-    cost = problem.cost(R, T, X)
     for iteration in range(1, max_iterations + 1):
         blocks = problem.blocks(R, T, X, iteration > _GAUSS_NEWTON_STEPS)
         reduced = reduce_points(problem.frame, problem.point, blocks, problem.m, problem.n)
         scale = np.sqrt(np.abs(np.einsum("tpp->tp", sum_by(problem.frame, blocks.N_pp, problem.m)))).ravel()
-        system = spectrum(reduced.S, scale, null_space(R))
+        system = _System.of(reduced.S, reduced.rhs, scale, R, T, conditions)
+        cost = problem.cost(R, T, X) + system.cost(R, T)
         for _ in range(_TRIES):
-            dp = system.solve(reduced.rhs, damping)
+            dp = system.step(damping)
             d = dp.reshape(-1, 6)
             R_new, T_new, X_new = exp_so3(d[:, :3]) @ R, T + d[:, 3:], X + reduced.points(dp)
-            cost_new = problem.cost(R_new, T_new, X_new)
+            cost_new = problem.cost(R_new, T_new, X_new) + system.cost(R_new, T_new)
             if cost_new <= cost * (1 + 1e-12) + 1e-12:
                 break
             damping = max(10 * damping, 1e-6)
@@ -128,13 +171,14 @@ def adjust_images(
             continue
         damping = 0.0
         if stop == "decrement":
-            change = float(reduced.rhs @ system.solve(reduced.rhs) + np.sum(reduced.b_X * reduced.points(0 * dp)))
+            change = float(system.rhs @ system.step(0.0) + np.sum(reduced.b_X * reduced.points(0 * dp)))
         elif stop == "update":
             change = float(np.abs(dp).max())
-        elif system.values[0] <= 0:
+        elif system.spectrum.values[0] <= 0:
             continue
         else:
-            change = float(np.max(np.abs(dp) / np.sqrt(np.diag(system.inverse()))))
+            sigma = np.sqrt(np.diag(system.covariance()))
+            change = float(np.max(np.abs(dp[sigma > 0]) / sigma[sigma > 0]))
         if change < tolerance:
             W = information(problem.rig, problem.camera_points(R, T, X), problem.W_uv)
             return Solution(R, T, X, W, cost, start.iterations + iteration)

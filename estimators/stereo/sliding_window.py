@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import operator
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -13,6 +15,7 @@ from jaxtyping import Float, Int
 from estimators.estimate import EstimationFailed, Failure, TrajectoryEstimate, WindowEstimate
 from estimators.gauss_markov import SingularSystem
 from estimators.stereo import initial_values, windows
+from estimators.stereo.conditions import Conditions, RotationAxis, Smoothing, of_window
 from estimators.stereo.depth_bias import Weights, observation_model
 from estimators.stereo.image_space import ImageProblem, adjust_images
 from estimators.stereo.initial_values import Axes
@@ -35,6 +38,7 @@ from sim.pose import Pose
 
 Array = np.ndarray
 Poses = tuple[Array, Array]
+Known = Callable[..., tuple[Poses, Conditions | None]]
 # A well-determined window started from its predecessor takes no more iterations; standard deviations a cost may exceed
 # its expectation by before other starts are tried.
 _EASY, _SURPRISE = 6, 1.5
@@ -53,6 +57,25 @@ class _Points:
     W_uv: Float[Array, "k 4 4"]
 
 
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A solution with the start it was reached from and the conditions it was found under."""
+
+    start: Poses
+    conditions: Conditions | None
+    solution: Solution
+    images: ImageProblem | None = None
+
+    def redundancy(self, problem: Problem) -> int:
+        poses = (self.solution.R, self.solution.T)
+        coordinates = 3 if self.images is None else 4
+        return redundancy(problem, self.conditions, poses) + (coordinates - 3) * len(problem.frame)
+
+    @property
+    def tied(self) -> bool:
+        return self.conditions is not None and self.conditions.tied
+
+
 @dataclass(frozen=True)
 class SlidingWindowAdjustment:
     """Motion and shape of a rigid object by least-squares adjustment over a sliding window (Siegemund 2008, ch. 3-4).
@@ -62,7 +85,8 @@ class SlidingWindowAdjustment:
     (4.1.2-4.1.3); space: "object" adjusts triangulated points, "image" goes on from there to the least reprojection
     error, as a yardstick; outliers: detector among the tracks of a window (3.4), see `estimators.stereo.outliers`;
     initial: axes of the start values (3.7.1.1), "best" tries three and keeps the lower cost;
-    propagate: start from the last window where there is one (3.7.1.2), which also keeps the object frame; stop,
+    propagate: start from the last window where there is one (3.7.1.2), which also keeps the object frame; smoothing
+    (4.2.3) and rotation_axis (3.6) what is known of the motion, see `conditions`; outliers are sought without it; stop,
     tolerance, max_iterations (2.1.5).
     """
 
@@ -75,6 +99,8 @@ class SlidingWindowAdjustment:
     outliers: Literal["none", "ransac", "points", "points_source", "tracks", "tracks_source", "robust"] = "none"
     initial: Axes | Literal["best"] = "best"
     propagate: bool = True
+    smoothing: Smoothing = field(default_factory=Smoothing)
+    rotation_axis: RotationAxis = field(default_factory=RotationAxis)
     stop: Stop = "decrement"
     tolerance: float = 1e-6
     max_iterations: int = 50
@@ -84,12 +110,14 @@ class SlidingWindowAdjustment:
             "window": self.window >= 2,
             "start_window": 2 <= self.start_window <= self.window,
             "min_overlap": 2 <= self.min_overlap <= self.window,
+            "smoothing.tied": self.smoothing.tied < self.window,
             "tolerance": self.tolerance > 0,
             "max_iterations": self.max_iterations >= 1,
         }
         for name, good in allowed.items():
             if not good:
-                raise ValueError(f"SlidingWindowAdjustment.{name}: {getattr(self, name)} is out of range")
+                found = operator.attrgetter(name)(self)
+                raise ValueError(f"SlidingWindowAdjustment.{name}: {found} is out of range")
 
     def __call__(self, observations: Observations) -> TrajectoryEstimate | EstimationFailed:
         started = time.perf_counter()
@@ -135,49 +163,53 @@ class SlidingWindowAdjustment:
                 "the newest frame shares fewer than three tracks with the window", ("the tracks are too short",)
             )
         problem, tracks = _problem(points, rows, frames, self)
-        propagated = _propagated(observations.t_s, frames, previous)
+        T_wc = None if observations.T_wc is None else observations.T_wc[frames]
+        known = functools.partial(of_window, self.smoothing, self.rotation_axis, observations.t_s[frames], T_wc)
         try:
-            start, solution = self._best(problem, propagated)
+            fit = self._best(problem, known, _propagated(observations.t_s, frames, previous))
             inlier, second = np.ones(problem.n, bool), np.zeros(problem.n, bool)
             if self.outliers != "none":
-                verdict = DETECTORS[self.outliers](problem, start, self._adjust)
+                verdict = DETECTORS[self.outliers](problem, fit.start, self._adjust)
                 inlier, solution = verdict.inlier, verdict.solution
                 second = second if verdict.second_group is None else verdict.second_group
                 problem = select_points(problem, inlier)
-            r = redundancy(problem)
+                if fit.conditions is not None:
+                    solution = self._adjust(problem, fit.start, fit.conditions)
+                fit = replace(fit, solution=solution)
             if self.space == "image":
                 good = np.flatnonzero(rows)[np.isin(points.track[rows], tracks[inlier])]
                 images = ImageProblem(
                     points.rig, problem.frame, problem.point, points.uv[good], points.W_uv[good], problem.m, problem.n
                 )
-                solution = adjust_images(images, solution, self.stop, self.tolerance, self.max_iterations)
-                r = images.redundancy
-            result = _finished(problem, start, solution, r, frames, tracks[inlier], observations.t_s, previous)
+                arguments = (self.stop, self.tolerance, self.max_iterations, fit.conditions)
+                fit = replace(fit, solution=adjust_images(images, fit.solution, *arguments), images=images)
+            result = _finished(problem, fit, frames, tracks[inlier], observations.t_s, previous)
             return replace(result, rejected=tracks[~inlier], second_group=tracks[second])
         except SingularSystem as error:
             return EstimationFailed(str(error), ("too few or collinear tracks", "outliers among the tracks"))
 
-    def _best(self, problem: Problem, propagated: Poses | None) -> tuple[Poses, Solution]:
-        """Start and solution from the last window; where that fails or is doubtful, the cheapest of it and the
-        cloud's.
-        """
-        found: list[tuple[Poses, Solution]] = []
+    def _best(self, problem: Problem, known: Known, propagated: Poses | None) -> _Fit:
+        """Fit from the last window; where that fails or is doubtful, the cheapest of it and the cloud's."""
+        found: list[_Fit] = []
         error = SingularSystem("no start value")
         if propagated is not None:
             try:
-                found.append((propagated, self._adjust(problem, propagated)))
-                if _is_trusted(problem, found[0][1]):
+                found.append(self._fit(problem, *known(propagated, self.smoothing.tied)))
+                if _is_trusted(problem, found[0]):
                     return found[0]
             except SingularSystem as e:
                 error = e
         for start in self._cloud_starts(problem):
             try:
-                found.append((start, self._adjust(problem, start)))
+                found.append(self._fit(problem, *known(start)))
             except SingularSystem as e:
                 error = e
         if not found:
             raise error
-        return min(found, key=lambda pair: pair[1].cost)
+        return min(found, key=lambda fit: fit.solution.cost)
+
+    def _fit(self, problem: Problem, start: Poses, conditions: Conditions | None) -> _Fit:
+        return _Fit(start, conditions, self._adjust(problem, start, conditions))
 
     def _cloud_starts(self, problem: Problem) -> Iterator[Poses]:
         for axes in ("unrotated", "principal_axes_xz") if self.initial == "best" else (self.initial,):
@@ -185,41 +217,42 @@ class SlidingWindowAdjustment:
         if self.initial == "best":
             yield initial_values.from_alignment(problem.frame, problem.point, problem.l, problem.m)
 
-    def _adjust(self, problem: Problem, start: Poses) -> Solution:
-        return adjust(problem, *start, self.stop, self.tolerance, self.max_iterations)
+    def _adjust(self, problem: Problem, start: Poses, conditions: Conditions | None = None) -> Solution:
+        return adjust(problem, *start, self.stop, self.tolerance, self.max_iterations, conditions)
 
 
-def _is_trusted(problem: Problem, s: Solution) -> bool:
+def _is_trusted(problem: Problem, fit: _Fit) -> bool:
     """Whether a propagated solution is no local minimum, of which far objects have many: quickly found, or cheap."""
-    r = max(redundancy(problem), 1)
-    return bool(s.iterations <= _EASY or s.cost <= r + _SURPRISE * np.sqrt(2 * r))
+    r = max(fit.redundancy(problem), 1)
+    return bool(fit.solution.iterations <= _EASY or fit.solution.cost <= r + _SURPRISE * np.sqrt(2 * r))
 
 
 def _finished(
     problem: Problem,
-    start: Poses,
-    s: Solution,
-    r: int,
+    fit: _Fit,
     frames: Int[Array, "m"],
     tracks: Int[Array, "n"],
     t_s: Float[Array, "f"],
     previous: WindowEstimate | None,
 ) -> WindowEstimate:
-    """The solution of redundancy r, with covariance, in the datum of the points known from the last window, else of its
-    start values.
+    """The solution with its covariance, in the datum of the points known from the last window, else of its start
+    values; tied frames hold it themselves.
     """
-    Q, shift = align(s.X, points_by_mean(problem, *start))
-    if previous is not None:
+    s, r = fit.solution, fit.redundancy(problem)
+    Q, shift = align(s.X, points_by_mean(problem, *fit.start))
+    if fit.tied:
+        Q, shift = np.eye(3), np.zeros(3)
+    elif previous is not None:
         _, old, new = np.intersect1d(previous.track, tracks, return_indices=True)
         if len(new) >= windows.MIN_POINTS:
             Q, shift = align(s.X[new], previous.X_o[old])
-    R = s.R @ Q.T
+    R, dt_s = s.R @ Q.T, t_s[frames[-1]] - t_s[frames[-2]]
     return WindowEstimate(
         frames=frames,
         T_co=Pose(R, s.T - (R @ shift[:, None])[:, :, 0]),
         track=tracks,
         X_o=s.X @ Q.T + shift,
-        cov=motion_covariance(problem.frame, problem.point, s.R, s.X, s.W, t_s[frames[-1]] - t_s[frames[-2]]),
+        cov=motion_covariance(problem.frame, problem.point, s.R, s.X, s.W, dt_s, s.T, fit.conditions),
         sigma_0=float(np.sqrt(s.cost / r)) if r > 0 else float("nan"),
         redundancy=r,
         iterations=s.iterations,
