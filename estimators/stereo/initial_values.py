@@ -1,4 +1,4 @@
-"""Start values of the object's poses: from the cloud itself or from the last window, Siegemund 2008, 3.7."""
+"""Start values of the object's poses and points: from the cloud or from the last window, Siegemund 2008, 3.7."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
+from estimators.gauss_markov import sum_by
 from estimators.stereo.object_motion import align
 from sim.pose import exp_so3, log_so3
 
 Array = np.ndarray
 Axes = Literal["unrotated", "principal_axes_xz", "principal_axes"]
+Average = Literal["mean", "median"]
 
 
 def from_cloud(
@@ -66,6 +68,82 @@ def from_alignment(
         Q, shift = align(l[before[i]], l[now[j]])
         R[t], T[t] = Q @ R[t - 1], Q @ T[t - 1] + shift
     return R, T
+
+
+def from_turn(
+    frame: Int[Array, "k"], l: Float[Array, "k 3"], t_s: Float[Array, "m"], yaw_rate: float
+) -> tuple[Float[Array, "m 3 3"], Float[Array, "m 3"]]:
+    """Centroid (3.7.1) and a constant yaw rate [rad/s] about the camera's vertical, positive to the left (ours).
+
+    Where depth is noisy, a turn too small to show in the axes of the cloud is easily taken for none, a local minimum;
+    started from a turn to the right side the adjustment finds it.
+    """
+    _, T = from_cloud(frame, l, len(t_s), "unrotated")
+    return exp_so3(np.multiply.outer(yaw_rate * (t_s - t_s[-1]), [0.0, -1.0, 0.0])), T
+
+
+def from_shared_tracks(
+    frame: Int[Array, "k"], point: Int[Array, "k"], l: Float[Array, "k 3"], m: int
+) -> tuple[Float[Array, "m 3 3"], Float[Array, "m 3"]]:
+    """Unrotated, the centroid carried by the tracks that frames share: least squares of l_it = T_t + X_i (ours).
+
+    The centroids (3.7.1) of each frame's own points jump where tracks come and go; these do not. The points' mean is
+    the origin. Frames that share no track with the others, even by way of others, are near all points' mean.
+    """
+    n = int(point.max()) + 1
+    seen = np.zeros((m, n))
+    seen[frame, point] = 1
+    share = seen / seen.sum(axis=0)
+    mean = l.mean(axis=0)
+    d = l - mean
+    b = sum_by(frame, d - (sum_by(point, d, n) / seen.sum(axis=0)[:, None])[point], m)
+    T = np.linalg.lstsq(np.diag(seen.sum(axis=1)) - share @ seen.T, b)[0]
+    X = sum_by(point, d - T[frame], n) / seen.sum(axis=0)[:, None]
+    return np.broadcast_to(np.eye(3), (m, 3, 3)).copy(), T + mean + X.mean(axis=0)
+
+
+def points_from_cloud(
+    frame: Int[Array, "k"],
+    point: Int[Array, "k"],
+    l: Float[Array, "k 3"],
+    R: Float[Array, "m 3 3"],
+    T: Float[Array, "m 3"],
+    n: int,
+    average: Average = "median",
+) -> Float[Array, "n 3"]:
+    """Mean or, robust against outliers, median by coordinates of each point's places in the object frame (3.7.13)."""
+    Y = np.einsum("kba,kb->ka", R[frame], l - T[frame])
+    count = np.bincount(point, minlength=n)
+    if average == "mean":
+        return np.asarray(sum_by(point, Y, n) / count[:, None])
+    start = np.cumsum(count) - count
+    X = np.empty((n, 3))
+    for a in range(3):
+        y = Y[np.lexsort((Y[:, a], point)), a]
+        X[:, a] = (y[start + (count - 1) // 2] + y[start + count // 2]) / 2
+    return X
+
+
+def propagated_points(
+    track: Int[Array, "n"],
+    X: Float[Array, "n 3"],
+    known_track: Int[Array, "p"],
+    known_X: Float[Array, "p 3"],
+) -> Float[Array, "n 3"]:
+    """The last window's points where it knew the track (3.7.14), else those given, as from the cloud."""
+    _, new, old = np.intersect1d(track, known_track, assume_unique=True, return_indices=True)
+    X = X.copy()
+    X[new] = known_X[old]
+    return X
+
+
+def has_drifted(X_o: Float[Array, "n 3"], extent_m: float) -> bool:
+    """Whether the origin of the object frame is farther from the cloud than the object's extent allows (3.7.1.3).
+
+    Then frame and object have lost each other, and the next start values are to come from the cloud. extent_m: the
+    object's longest diagonal. The median distance is asked, that a few outliers neither cause nor hide it.
+    """
+    return bool(np.median(np.linalg.norm(X_o, axis=1)) > extent_m)
 
 
 def extrapolate(

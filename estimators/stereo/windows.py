@@ -31,7 +31,7 @@ def sliding(frames: Int[Array, "f"], newest: int, size: int) -> Int[Array, "m"]:
 
 
 def whole(frames: Int[Array, "f"], newest: int, _size: int) -> Int[Array, "m"]:
-    """All observed frames up to ``newest``: for a closed sequence, with its last frame as the newest, the best (3.2)."""
+    """All observed frames up to ``newest``; the best for a closed sequence, with its last frame as the newest (3.2)."""
     return np.asarray(frames[frames <= newest])
 
 

@@ -5,7 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from estimators.stereo.initial_values import Axes, extrapolate, from_alignment, from_cloud
+from estimators.stereo.initial_values import (
+    Average,
+    Axes,
+    extrapolate,
+    from_alignment,
+    from_cloud,
+    from_shared_tracks,
+    from_turn,
+    has_drifted,
+    points_from_cloud,
+    propagated_points,
+)
 from sim.pose import exp_so3, log_so3
 
 Array = np.ndarray
@@ -92,6 +103,105 @@ def test_clouds_laid_on_one_another_give_the_motion() -> None:
     R, T = from_alignment(frame[apart], point[apart], l[apart], FRAMES)
     np.testing.assert_array_equal(R[12], R[11])
     np.testing.assert_allclose(T[12], l[apart & (frame == 12)].mean(axis=0))
+
+
+def test_axes_in_space_keep_the_signs_of_the_frame_before() -> None:
+    """(3.7.3)-(3.7.5): a box rolling about a slant axis, more than a turn; the first axes are the nearest to ours."""
+    rng = np.random.default_rng(2)
+    X = rng.uniform(-1, 1, (100, 3)) * [2.0, 1.0, 0.4]
+    X -= X.mean(axis=0)
+    R_true = exp_so3(np.multiply.outer(0.3 * np.arange(FRAMES), np.array([1.0, 2, 2]) / 3))
+    l = np.einsum("mab,nb->mna", R_true, X).reshape(-1, 3)
+    R, _ = from_cloud(np.repeat(np.arange(FRAMES), 100), l, FRAMES, "principal_axes")
+    np.testing.assert_allclose(R @ R[0].T, R_true @ R_true[0].T, atol=1e-9)
+    np.testing.assert_array_less(0, np.diag(R[0])[:2])
+    values = np.linalg.eigvalsh(X.T @ X)[::-1]
+    np.testing.assert_allclose(np.diag(R[0].T @ (X.T @ X) @ R[0]), values, rtol=1e-9)
+
+
+@pytest.mark.parametrize("rate", [0.5, -0.5])
+def test_a_turn_is_met_whatever_the_times(rate: float) -> None:
+    t_s = np.array([0.0, 0.04, 0.08, 0.2])
+    X = np.random.default_rng(1).uniform(-1, 1, (30, 3))
+    X -= X.mean(axis=0)
+    R_true = exp_so3(np.multiply.outer(-rate * t_s, [0.0, 1.0, 0.0]))
+    T_true = np.array([1.0, 0, 20]) + np.multiply.outer(t_s, [3.0, 0, -9])
+    l = np.einsum("mab,nb->mna", R_true, X) + T_true[:, None]
+    R, T = from_turn(np.repeat(np.arange(4), 30), l.reshape(-1, 3), t_s, rate)
+    np.testing.assert_allclose(T, T_true, atol=1e-12)
+    np.testing.assert_allclose(R @ R[0].T, R_true @ R_true[0].T, atol=1e-12)
+
+
+def test_the_centroid_carried_by_shared_tracks_does_not_jump() -> None:
+    """Exact for a motion without turning, whatever part of the cloud a frame shows, also over frames between."""
+    frame, l, _, T_true = turning_cloud((0.8, 0.5, 2.0), 0.0)
+    point = np.tile(np.arange(200), FRAMES)
+    seen = (np.abs(point - 8 * frame) < 20) & ~((frame == 12) & (point < 100))
+    R, T = from_shared_tracks(frame[seen], point[seen], l[seen], FRAMES)
+    np.testing.assert_allclose(np.diff(T, axis=0), np.diff(T_true, axis=0), atol=1e-10)
+    np.testing.assert_array_equal(R, np.broadcast_to(np.eye(3), R.shape))
+    X = points_from_cloud(frame[seen], point[seen], l[seen], R, T, 200, "mean")
+    np.testing.assert_allclose(X.mean(axis=0), 0, atol=1e-10)
+    assert np.abs(np.diff(from_cloud(frame[seen], l[seen], FRAMES)[1] - T_true, axis=0)).max() > 0.05
+
+
+def test_the_centroid_carried_is_least_squares() -> None:
+    frame, l, _, _ = turning_cloud((0.8, 0.5, 2.0), 0.02, 0.3)
+    point = np.tile(np.arange(200), FRAMES)
+    seen = (point * 7 + frame * 11) % 13 < 5
+    frame, point, l = frame[seen], point[seen], l[seen]
+    R, T = from_shared_tracks(frame, point, l, FRAMES)
+    v = l - T[frame] - points_from_cloud(frame, point, l, R, T, 200, "mean")[point]
+    for of, count in ((frame, FRAMES), (point, 200)):
+        sums = np.stack([np.bincount(of, v[:, a], minlength=count) for a in range(3)])
+        np.testing.assert_allclose(sums, 0, atol=1e-9)
+
+
+def test_frames_without_any_common_track_are_no_failure() -> None:
+    frame, l, _, _ = turning_cloud((0.8, 0.5, 2.0), 0.0)
+    point = np.tile(np.arange(200), FRAMES)
+    apart = np.where(frame < 12, point < 100, point >= 100)
+    _, T = from_shared_tracks(frame[apart], point[apart], l[apart], FRAMES)
+    assert np.isfinite(T).all()
+
+
+@pytest.mark.parametrize("average", ["mean", "median"])
+def test_points_from_cloud(average: Average) -> None:
+    """Against NumPy, point by point, over even and odd numbers of frames."""
+    frame, l, R, T = turning_cloud((0.8, 0.5, 2.0), 0.1, 0.2)
+    point = np.tile(np.arange(200), FRAMES)
+    seen = (point * 7 + frame * 11) % 13 < 5
+    frame, point, l = frame[seen], point[seen], l[seen]
+    X = points_from_cloud(frame, point, l, R, T, 200, average)
+    Y = np.einsum("kba,kb->ka", R[frame], l - T[frame])
+    expected = [getattr(np, average)(Y[point == i], axis=0) for i in range(200)]
+    assert {np.count_nonzero(point == i) % 2 for i in range(200)} == {0, 1}
+    np.testing.assert_allclose(X, expected, atol=1e-12)
+
+
+def test_the_median_survives_outliers() -> None:
+    frame, l, R, T = turning_cloud((0.8, 0.5, 2.0), 0.1)
+    point = np.tile(np.arange(200), FRAMES)
+    X = points_from_cloud(frame, point, l, R, T, 200, "mean")
+    wrong = l + np.where((frame % 3 == 0)[:, None], 50.0, 0.0)
+    np.testing.assert_allclose(points_from_cloud(frame, point, wrong, R, T, 200, "median"), X, atol=1e-10)
+    assert np.abs(points_from_cloud(frame, point, wrong, R, T, 200, "mean") - X).max() > 10
+
+
+def test_propagated_points_are_the_last_window_s_where_it_knew_them() -> None:
+    X, known = np.zeros((4, 3)), np.arange(9.0).reshape(3, 3)
+    found = propagated_points(np.array([2, 5, 7, 9]), X, np.array([1, 5, 9]), known)
+    np.testing.assert_array_equal(found, [[0, 0, 0], known[1], [0, 0, 0], known[2]])
+    np.testing.assert_array_equal(X, 0)
+
+
+def test_drift_is_an_origin_off_the_object() -> None:
+    X = np.random.default_rng(0).uniform([-0.9, -0.7, -2.2], [0.9, 0.7, 2.2], (50, 3))
+    diagonal = 5.0
+    assert not has_drifted(X - X[0], diagonal)  # on the object's surface
+    assert has_drifted(X + np.array([0, 0, 8.0]), diagonal)
+    X[:5] += 100  # outliers do not count
+    assert not has_drifted(X, diagonal)
 
 
 @pytest.mark.parametrize("t_s", [[0.0, 1.0, 2.0], [0.0, 0.04, 0.16], [0.0, 0.3, 0.32], [5.0, 5.1, 5.1]])
