@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
@@ -9,12 +11,15 @@ from scipy.stats import chi2
 
 from estimators.estimate import TrajectoryEstimate
 from estimators.gauss_markov import SingularSystem
+from estimators.stereo.conditions import Conditions
 from estimators.stereo.object_motion import motion_covariance
 from reports.windows import WindowComparison, at_reference
 from sim.observations import Tracks
+from sim.pose import Pose
 from sim.truth import INLIER, Truth
 
 Array = np.ndarray
+Known = Callable[[Array, Pose | None, tuple[Array, Array]], tuple[tuple[Array, Array], Conditions | None]]
 DOF = 6
 NO_BOUND = np.full((12, 12), np.nan)
 NEES_COLUMNS = ["scenario", "seed", "run", "estimator", "quantity", "t_s", "nees", "disjoint"]
@@ -89,11 +94,12 @@ def nees_table(
     return pd.DataFrame(rows, columns=NEES_COLUMNS)
 
 
-def cramer_rao(truth: Truth, tracks: Tracks, c: WindowComparison) -> Float[Array, "12 12"]:
+def cramer_rao(truth: Truth, tracks: Tracks, c: WindowComparison, known: Known | None = None) -> Float[Array, "12 12"]:
     """Cramer-Rao bound of the functionals of `WindowEstimate.cov` over a window's inlier tracks.
 
     Fisher information of the image coordinates at the true geometry with the injected noise: ``W = J' J / sigma²`` with
-    J the Jacobian of the projection. NaN where the rows do not determine it or the noise is zero.
+    J the Jacobian of the projection. NaN where the rows do not determine it or the noise is zero. ``known`` makes of
+    the times, the ego poses and the true poses the conditions that an estimator takes for granted.
     """
     frames = c.window.frames
     rows = np.isin(tracks.frame, frames) & np.isin(tracks.track, c.track) & (truth.labels.kind == INLIER)
@@ -107,6 +113,7 @@ def cramer_rao(truth: Truth, tracks: Tracks, c: WindowComparison) -> Float[Array
     J = truth.rig.project_jacobian(T_cv[frame].apply(X_v[point]))
     W = np.swapaxes(J, 1, 2) @ J / sigma[:, None, None] ** 2
     try:
-        return motion_covariance(frame, point, T_cv.R, X_v, W, c.truth.dt_s)
+        conditions = known and known(truth.t_s[seen], None, (T_cv.R, T_cv.t))[1]
+        return motion_covariance(frame, point, T_cv.R, X_v, W, c.truth.dt_s, T_cv.t, conditions)
     except SingularSystem:
         return NO_BOUND

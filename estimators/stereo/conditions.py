@@ -53,8 +53,8 @@ class Smoothing:
     rotation: bool = False
     weights: Literal["adaptive", "fixed"] = "adaptive"
     gamma: float = 1.0
-    acceleration_mps2: float = 3.0
-    angular_acceleration_dps2: float = 60.0
+    acceleration_mps2: float = 1.0
+    angular_acceleration_dps2: float = 20.0
     tied: int = 0
 
     def __post_init__(self) -> None:
