@@ -39,11 +39,10 @@ _POINT, _FACTOR = 3, 6
 # Sums of a frame: N_pp by blocks (rotation 6, mixed 9, translation 6), b_p 6, and the diagonal of the rotation's block
 # without the curvature.
 _SUMS = 30
-# Tiles whose points leave the normal equations by one product, and the length of a row of Z then.
-_BATCH = 2
-_WIDTH = 3 * LANES * _BATCH
-# Rows of S that are made at once: the upper triangle only, in blocks of some size.
-_BLOCK = 48
+# Tiles whose points leave the normal equations together, and how far the rows of their Z lie apart: no power of two, or
+# all would compete for the same lines of the cache.
+_BATCH = 8
+_WIDTH = 3 * LANES * _BATCH + 8
 
 CONVERGED, UNDETERMINED_TRACK, UNOBSERVED_POSE, STUCK, EXHAUSTED = range(5)
 DECREMENT, UPDATE, RELATIVE_UPDATE = range(3)
@@ -58,6 +57,8 @@ _PIVOT = 1e-13
 
 # Contraction alone gives fused multiply-adds and leaves NaN and the order of sums as they are.
 compiled = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
+# Sums of products over the lanes may be taken in any order: only then they become vector instructions.
+summed = numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "reassoc", "nsz"})
 
 
 class Tiles(NamedTuple):
@@ -381,100 +382,162 @@ def _solve(N: Array, q: int, X: Array, factor: Array) -> None:
 
 @compiled
 @no_type_check
-def _cell(R: Array, T: Array, x: Array, f: Array, L: Array, bend: float, sums: Array, Z: Array) -> None:
-    """Adds a cell's share of N_pp and b_p to the sums of its frame and writes its Z (6 x 3 rows of lanes)."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = R.flat
-    T0, T1, T2 = T
-    for j in range(LANES):
-        X0, X1, X2 = x[j], x[LANES + j], x[2 * LANES + j]
-        W00, W01, W02 = f[3 * LANES + j], f[4 * LANES + j], f[5 * LANES + j]
-        W11, W12, W22 = f[6 * LANES + j], f[7 * LANES + j], f[8 * LANES + j]
-        a0 = r00 * X0 + r01 * X1 + r02 * X2
-        a1 = r10 * X0 + r11 * X1 + r12 * X2
-        a2 = r20 * X0 + r21 * X1 + r22 * X2
-        v0, v1, v2 = a0 + T0 - f[j], a1 + T1 - f[LANES + j], a2 + T2 - f[2 * LANES + j]
-        g0, g1 = W00 * v0 + W01 * v1 + W02 * v2, W01 * v0 + W11 * v1 + W12 * v2
-        g2 = W02 * v0 + W12 * v1 + W22 * v2
-        # M = S(a) W: a x columns of W; rotation block: a x rows of M.
-        m00, m10, m20 = a1 * W02 - a2 * W01, a2 * W00 - a0 * W02, a0 * W01 - a1 * W00
-        m01, m11, m21 = a1 * W12 - a2 * W11, a2 * W01 - a0 * W12, a0 * W11 - a1 * W01
-        m02, m12, m22 = a1 * W22 - a2 * W12, a2 * W02 - a0 * W22, a0 * W12 - a1 * W02
-        n00, n01, n02 = a1 * m02 - a2 * m01, a2 * m00 - a0 * m02, a0 * m01 - a1 * m00
-        n11, n12, n22 = a2 * m10 - a0 * m12, a0 * m11 - a1 * m10, a0 * m21 - a1 * m20
-        ga = bend * (g0 * a0 + g1 * a1 + g2 * a2)
-        sums[j] += n00 + bend * g0 * a0 - ga
-        sums[LANES + j] += n01 + 0.5 * bend * (g0 * a1 + g1 * a0)
-        sums[2 * LANES + j] += n02 + 0.5 * bend * (g0 * a2 + g2 * a0)
-        sums[3 * LANES + j] += n11 + bend * g1 * a1 - ga
-        sums[4 * LANES + j] += n12 + 0.5 * bend * (g1 * a2 + g2 * a1)
-        sums[5 * LANES + j] += n22 + bend * g2 * a2 - ga
-        sums[6 * LANES + j] += m00
-        sums[7 * LANES + j] += m01
-        sums[8 * LANES + j] += m02
-        sums[9 * LANES + j] += m10
-        sums[10 * LANES + j] += m11
-        sums[11 * LANES + j] += m12
-        sums[12 * LANES + j] += m20
-        sums[13 * LANES + j] += m21
-        sums[14 * LANES + j] += m22
-        sums[15 * LANES + j] += W00
-        sums[16 * LANES + j] += W01
-        sums[17 * LANES + j] += W02
-        sums[18 * LANES + j] += W11
-        sums[19 * LANES + j] += W12
-        sums[20 * LANES + j] += W22
-        sums[21 * LANES + j] += a2 * g1 - a1 * g2
-        sums[22 * LANES + j] += a0 * g2 - a2 * g0
-        sums[23 * LANES + j] += a1 * g0 - a0 * g1
-        sums[24 * LANES + j] -= g0
-        sums[25 * LANES + j] -= g1
-        sums[26 * LANES + j] -= g2
-        sums[27 * LANES + j] += n00
-        sums[28 * LANES + j] += n11
-        sums[29 * LANES + j] += n22
-        # N_pX: below U = W R, above a x U - g x R by columns.
-        u00, u10 = W00 * r00 + W01 * r10 + W02 * r20, W01 * r00 + W11 * r10 + W12 * r20
-        u20 = W02 * r00 + W12 * r10 + W22 * r20
-        u01, u11 = W00 * r01 + W01 * r11 + W02 * r21, W01 * r01 + W11 * r11 + W12 * r21
-        u21 = W02 * r01 + W12 * r11 + W22 * r21
-        u02, u12 = W00 * r02 + W01 * r12 + W02 * r22, W01 * r02 + W11 * r12 + W12 * r22
-        u22 = W02 * r02 + W12 * r12 + W22 * r22
-        s0, s1, s2 = bend * g0, bend * g1, bend * g2
-        i0, l1, l2 = L[j], L[LANES + j], L[2 * LANES + j]
-        i1, l3, i2 = L[3 * LANES + j], L[4 * LANES + j], L[5 * LANES + j]
-        z0 = (a1 * u20 - a2 * u10 - s1 * r20 + s2 * r10) * i0
-        z1 = (a1 * u21 - a2 * u11 - s1 * r21 + s2 * r11 - l1 * z0) * i1
-        Z[j], Z[LANES + j] = z0, z1
-        Z[2 * LANES + j] = (a1 * u22 - a2 * u12 - s1 * r22 + s2 * r12 - l2 * z0 - l3 * z1) * i2
-        z0 = (a2 * u00 - a0 * u20 - s2 * r00 + s0 * r20) * i0
-        z1 = (a2 * u01 - a0 * u21 - s2 * r01 + s0 * r21 - l1 * z0) * i1
-        Z[_WIDTH + j], Z[_WIDTH + LANES + j] = z0, z1
-        Z[_WIDTH + 2 * LANES + j] = (a2 * u02 - a0 * u22 - s2 * r02 + s0 * r22 - l2 * z0 - l3 * z1) * i2
-        z0 = (a0 * u10 - a1 * u00 - s0 * r10 + s1 * r00) * i0
-        z1 = (a0 * u11 - a1 * u01 - s0 * r11 + s1 * r01 - l1 * z0) * i1
-        Z[2 * _WIDTH + j], Z[2 * _WIDTH + LANES + j] = z0, z1
-        Z[2 * _WIDTH + 2 * LANES + j] = (a0 * u12 - a1 * u02 - s0 * r12 + s1 * r02 - l2 * z0 - l3 * z1) * i2
-        z0 = u00 * i0
-        z1 = (u01 - l1 * z0) * i1
-        Z[3 * _WIDTH + j], Z[3 * _WIDTH + LANES + j], Z[3 * _WIDTH + 2 * LANES + j] = (
-            z0,
-            z1,
-            (u02 - l2 * z0 - l3 * z1) * i2,
-        )
-        z0 = u10 * i0
-        z1 = (u11 - l1 * z0) * i1
-        Z[4 * _WIDTH + j], Z[4 * _WIDTH + LANES + j], Z[4 * _WIDTH + 2 * LANES + j] = (
-            z0,
-            z1,
-            (u12 - l2 * z0 - l3 * z1) * i2,
-        )
-        z0 = u20 * i0
-        z1 = (u21 - l1 * z0) * i1
-        Z[5 * _WIDTH + j], Z[5 * _WIDTH + LANES + j], Z[5 * _WIDTH + 2 * LANES + j] = (
-            z0,
-            z1,
-            (u22 - l2 * z0 - l3 * z1) * i2,
-        )
+def _end(tiles: Tiles, q: int) -> int:
+    """The frame after the last of tile q."""
+    return tiles.first[q] + tiles.start[q + 1] - tiles.start[q]
+
+
+@compiled
+@no_type_check
+def _share(
+    tiles: Tiles, a: int, b: int, low: int, high: int,
+    R: Array, T: Array, X: Array, factor: Array, bend: float, sums: Array, Z: Array,
+) -> None:  # fmt: skip
+    """Adds what tiles a to b have in N_pp and b_p to the sums of the frames, writes their Z for frames low to high.
+
+    bend: 1 with Newton's curvature, else 0. A row of Z belongs to an unknown of the poses and holds the tiles' lanes
+    for each of the three coordinates; it is zero where a tile does not reach.
+    """
+    for q in range(a, b):
+        for t in range(low, high):
+            if t < tiles.first[q] or t >= _end(tiles, q):
+                for row in range(6 * (t - low), 6 * (t - low) + 6):
+                    Z[row * _WIDTH + 3 * (q - a) * LANES : row * _WIDTH + 3 * (q - a + 1) * LANES] = 0.0
+        for cell in range(tiles.start[q], tiles.start[q + 1]):
+            t = tiles.first[q] + cell - tiles.start[q]
+            r00, r01, r02, r10, r11, r12, r20, r21, r22 = R[t].flat
+            T0, T1, T2 = T[t]
+            x, L = rows(X, _POINT, q), rows(factor, _FACTOR, q)
+            f, total = rows(tiles.fit, FIT, cell), rows(sums, _SUMS, t)
+            z = Z[6 * (t - low) * _WIDTH + 3 * (q - a) * LANES :]
+            for j in range(LANES):
+                X0, X1, X2 = x[j], x[LANES + j], x[2 * LANES + j]
+                W00, W01, W02 = f[3 * LANES + j], f[4 * LANES + j], f[5 * LANES + j]
+                W11, W12, W22 = f[6 * LANES + j], f[7 * LANES + j], f[8 * LANES + j]
+                a0 = r00 * X0 + r01 * X1 + r02 * X2
+                a1 = r10 * X0 + r11 * X1 + r12 * X2
+                a2 = r20 * X0 + r21 * X1 + r22 * X2
+                v0, v1, v2 = a0 + T0 - f[j], a1 + T1 - f[LANES + j], a2 + T2 - f[2 * LANES + j]
+                g0, g1 = W00 * v0 + W01 * v1 + W02 * v2, W01 * v0 + W11 * v1 + W12 * v2
+                g2 = W02 * v0 + W12 * v1 + W22 * v2
+                # M = S(a) W: a x columns of W; rotation block: a x rows of M.
+                m00, m10, m20 = a1 * W02 - a2 * W01, a2 * W00 - a0 * W02, a0 * W01 - a1 * W00
+                m01, m11, m21 = a1 * W12 - a2 * W11, a2 * W01 - a0 * W12, a0 * W11 - a1 * W01
+                m02, m12, m22 = a1 * W22 - a2 * W12, a2 * W02 - a0 * W22, a0 * W12 - a1 * W02
+                n00, n01, n02 = a1 * m02 - a2 * m01, a2 * m00 - a0 * m02, a0 * m01 - a1 * m00
+                n11, n12, n22 = a2 * m10 - a0 * m12, a0 * m11 - a1 * m10, a0 * m21 - a1 * m20
+                ga = bend * (g0 * a0 + g1 * a1 + g2 * a2)
+                total[j] += n00 + bend * g0 * a0 - ga
+                total[LANES + j] += n01 + 0.5 * bend * (g0 * a1 + g1 * a0)
+                total[2 * LANES + j] += n02 + 0.5 * bend * (g0 * a2 + g2 * a0)
+                total[3 * LANES + j] += n11 + bend * g1 * a1 - ga
+                total[4 * LANES + j] += n12 + 0.5 * bend * (g1 * a2 + g2 * a1)
+                total[5 * LANES + j] += n22 + bend * g2 * a2 - ga
+                total[6 * LANES + j] += m00
+                total[7 * LANES + j] += m01
+                total[8 * LANES + j] += m02
+                total[9 * LANES + j] += m10
+                total[10 * LANES + j] += m11
+                total[11 * LANES + j] += m12
+                total[12 * LANES + j] += m20
+                total[13 * LANES + j] += m21
+                total[14 * LANES + j] += m22
+                total[15 * LANES + j] += W00
+                total[16 * LANES + j] += W01
+                total[17 * LANES + j] += W02
+                total[18 * LANES + j] += W11
+                total[19 * LANES + j] += W12
+                total[20 * LANES + j] += W22
+                total[21 * LANES + j] += a2 * g1 - a1 * g2
+                total[22 * LANES + j] += a0 * g2 - a2 * g0
+                total[23 * LANES + j] += a1 * g0 - a0 * g1
+                total[24 * LANES + j] -= g0
+                total[25 * LANES + j] -= g1
+                total[26 * LANES + j] -= g2
+                total[27 * LANES + j] += n00
+                total[28 * LANES + j] += n11
+                total[29 * LANES + j] += n22
+                # N_pX: below U = W R, above a x U - g x R by columns.
+                u00, u10 = W00 * r00 + W01 * r10 + W02 * r20, W01 * r00 + W11 * r10 + W12 * r20
+                u20 = W02 * r00 + W12 * r10 + W22 * r20
+                u01, u11 = W00 * r01 + W01 * r11 + W02 * r21, W01 * r01 + W11 * r11 + W12 * r21
+                u21 = W02 * r01 + W12 * r11 + W22 * r21
+                u02, u12 = W00 * r02 + W01 * r12 + W02 * r22, W01 * r02 + W11 * r12 + W12 * r22
+                u22 = W02 * r02 + W12 * r12 + W22 * r22
+                s0, s1, s2 = bend * g0, bend * g1, bend * g2
+                i0, l1, l2 = L[j], L[LANES + j], L[2 * LANES + j]
+                i1, l3, i2 = L[3 * LANES + j], L[4 * LANES + j], L[5 * LANES + j]
+                z0 = (a1 * u20 - a2 * u10 - s1 * r20 + s2 * r10) * i0
+                z1 = (a1 * u21 - a2 * u11 - s1 * r21 + s2 * r11 - l1 * z0) * i1
+                z[j], z[LANES + j] = z0, z1
+                z[2 * LANES + j] = (a1 * u22 - a2 * u12 - s1 * r22 + s2 * r12 - l2 * z0 - l3 * z1) * i2
+                z0 = (a2 * u00 - a0 * u20 - s2 * r00 + s0 * r20) * i0
+                z1 = (a2 * u01 - a0 * u21 - s2 * r01 + s0 * r21 - l1 * z0) * i1
+                z[_WIDTH + j], z[_WIDTH + LANES + j] = z0, z1
+                z[_WIDTH + 2 * LANES + j] = (a2 * u02 - a0 * u22 - s2 * r02 + s0 * r22 - l2 * z0 - l3 * z1) * i2
+                z0 = (a0 * u10 - a1 * u00 - s0 * r10 + s1 * r00) * i0
+                z1 = (a0 * u11 - a1 * u01 - s0 * r11 + s1 * r01 - l1 * z0) * i1
+                z[2 * _WIDTH + j], z[2 * _WIDTH + LANES + j] = z0, z1
+                z[2 * _WIDTH + 2 * LANES + j] = (a0 * u12 - a1 * u02 - s0 * r12 + s1 * r02 - l2 * z0 - l3 * z1) * i2
+                z0 = u00 * i0
+                z1 = (u01 - l1 * z0) * i1
+                z[3 * _WIDTH + j], z[3 * _WIDTH + LANES + j], z[3 * _WIDTH + 2 * LANES + j] = (
+                    z0,
+                    z1,
+                    (u02 - l2 * z0 - l3 * z1) * i2,
+                )
+                z0 = u10 * i0
+                z1 = (u11 - l1 * z0) * i1
+                z[4 * _WIDTH + j], z[4 * _WIDTH + LANES + j], z[4 * _WIDTH + 2 * LANES + j] = (
+                    z0,
+                    z1,
+                    (u12 - l2 * z0 - l3 * z1) * i2,
+                )
+                z0 = u20 * i0
+                z1 = (u21 - l1 * z0) * i1
+                z[5 * _WIDTH + j], z[5 * _WIDTH + LANES + j], z[5 * _WIDTH + 2 * LANES + j] = (
+                    z0,
+                    z1,
+                    (u22 - l2 * z0 - l3 * z1) * i2,
+                )
+
+
+@summed
+@no_type_check
+def _subtract(tiles: Tiles, a: int, b: int, low: int, high: int, Z: Array, S: Array) -> None:
+    """Takes Z'Z of tiles a to b off the upper triangle of S, three rows by six columns at a time: as many sums as there
+    are vector registers for."""
+    for row in range(0, 6 * (high - low), 3):
+        s = low + row // 6
+        for t in range(s, high):
+            of, to = a, b
+            while of < to and _end(tiles, of) <= t:
+                of += 1
+            while to > of and (tiles.first[to - 1] > s or _end(tiles, to - 1) <= t):
+                to -= 1
+            if of == to:
+                continue
+            x, y = Z[row * _WIDTH + 3 * LANES * (of - a) :], Z[6 * (t - low) * _WIDTH + 3 * LANES * (of - a) :]
+            c = S[6 * low + row :, 6 * t :]
+            s00 = s01 = s02 = s03 = s04 = s05 = 0.0
+            s10 = s11 = s12 = s13 = s14 = s15 = 0.0
+            s20 = s21 = s22 = s23 = s24 = s25 = 0.0
+            for i in range(3 * LANES * (to - of)):
+                x0, x1, x2 = x[i], x[_WIDTH + i], x[2 * _WIDTH + i]
+                y0, y1, y2 = y[i], y[_WIDTH + i], y[2 * _WIDTH + i]
+                y3, y4, y5 = y[3 * _WIDTH + i], y[4 * _WIDTH + i], y[5 * _WIDTH + i]
+                s00, s01, s02 = s00 + x0 * y0, s01 + x0 * y1, s02 + x0 * y2
+                s03, s04, s05 = s03 + x0 * y3, s04 + x0 * y4, s05 + x0 * y5
+                s10, s11, s12 = s10 + x1 * y0, s11 + x1 * y1, s12 + x1 * y2
+                s13, s14, s15 = s13 + x1 * y3, s14 + x1 * y4, s15 + x1 * y5
+                s20, s21, s22 = s20 + x2 * y0, s21 + x2 * y1, s22 + x2 * y2
+                s23, s24, s25 = s23 + x2 * y3, s24 + x2 * y4, s25 + x2 * y5
+            c[0, 0], c[0, 1], c[0, 2] = c[0, 0] - s00, c[0, 1] - s01, c[0, 2] - s02
+            c[0, 3], c[0, 4], c[0, 5] = c[0, 3] - s03, c[0, 4] - s04, c[0, 5] - s05
+            c[1, 0], c[1, 1], c[1, 2] = c[1, 0] - s10, c[1, 1] - s11, c[1, 2] - s12
+            c[1, 3], c[1, 4], c[1, 5] = c[1, 3] - s13, c[1, 4] - s14, c[1, 5] - s15
+            c[2, 0], c[2, 1], c[2, 2] = c[2, 0] - s20, c[2, 1] - s21, c[2, 2] - s22
+            c[2, 3], c[2, 4], c[2, 5] = c[2, 3] - s23, c[2, 4] - s24, c[2, 5] - s25
 
 
 @compiled
@@ -486,25 +549,16 @@ def reduced_system(
     m = len(R)
     S = np.zeros((6 * m, 6 * m))
     sums = np.zeros(m * _SUMS * LANES)
+    Z = np.empty(6 * m * _WIDTH)
     bend = 1.0 if newton else 0.0
-    for batch in range(0, len(tiles.first), _BATCH):
-        end = min(batch + _BATCH, len(tiles.first))
-        low = tiles.first[batch]  # the tiles are sorted by it
+    for a in range(0, len(tiles.first), _BATCH):
+        b = min(a + _BATCH, len(tiles.first))
+        low = tiles.first[a]  # the tiles are sorted by it
         high = low
-        for q in range(batch, end):
-            high = max(high, tiles.first[q] + tiles.start[q + 1] - tiles.start[q])
-        Z = np.zeros(6 * (high - low) * _WIDTH)
-        for q in range(batch, end):
-            for cell in range(tiles.start[q], tiles.start[q + 1]):
-                t = tiles.first[q] + cell - tiles.start[q]
-                at = 6 * (t - low) * _WIDTH + 3 * (q - batch) * LANES
-                x, L = rows(X, _POINT, q), rows(factor, _FACTOR, q)
-                _cell(R[t], T[t], x, rows(tiles.fit, FIT, cell), L, bend, rows(sums, _SUMS, t), Z[at:])
-        Z_p = Z.reshape(6 * (high - low), _WIDTH)
-        for a in range(0, len(Z_p), _BLOCK):
-            for b in range(a, len(Z_p), _BLOCK):
-                product = np.dot(Z_p[a : a + _BLOCK], Z_p[b : b + _BLOCK].T)
-                S[6 * low + a : 6 * low + a + len(product), 6 * low + b : 6 * low + b + product.shape[1]] -= product
+        for q in range(a, b):
+            high = max(high, _end(tiles, q))
+        _share(tiles, a, b, low, high, R, T, X, factor, bend, sums, Z)
+        _subtract(tiles, a, b, low, high, Z, S)
     rhs, scale = np.empty(6 * m), np.empty(6 * m)
     for t in range(m):
         s = sums[t * _SUMS * LANES : (t + 1) * _SUMS * LANES].reshape(_SUMS, LANES).sum(axis=1)
