@@ -78,6 +78,16 @@ class BorderedSystem:
         """n + k - u of (2.1.28): observations and conditions less unknowns."""
         return int(self.count + self.H.shape[1] - self.A.shape[1])
 
+    def variance_factor(self, cost: float) -> float:
+        """Estimated variance of unit weight v'Wv / r (2.1.22); it scales the covariance, (2.1.23).
+
+        Raises
+            SingularSystem: there is no redundancy.
+        """
+        if self.redundancy <= 0:
+            raise SingularSystem("no observation is redundant")
+        return cost / self.redundancy
+
     def eliminate(self, damping: float = 0.0) -> Elimination:
         """The points eliminated, (3.5.2)-(3.5.7), from N + damping I (2.2.6) bordered by the conditions.
 

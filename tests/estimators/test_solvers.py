@@ -12,6 +12,7 @@ from estimators.gauss_markov import SingularSystem
 from estimators.stereo.conditions import RotationAxis, Smoothing, of_window
 from estimators.stereo.datum import choose_three, in_frame, three_point_frame
 from estimators.stereo.depth_bias import Weights, observation_model
+from estimators.stereo.full_system import linearise, weighted
 from estimators.stereo.initial_values import from_cloud
 from estimators.stereo.object_motion import Problem, Solution, Stop, adjust, motion_covariance, points_by_mean
 from estimators.stereo.solvers import Datum, Method, Pivot, adjust_full
@@ -150,6 +151,32 @@ def test_step_control_survives_where_gauss_newton_is_lost(make_scene: Maker) -> 
     for method in ("line_search", "levenberg_marquardt"):
         s = adjust_full(problem, R, T, method, tolerance=1e-12, max_iterations=100)
         assert_same_motion(s, adjust(problem, s.R, s.T, tolerance=1e-12))
+
+
+@pytest.mark.parametrize("known", ["nothing", "axis"])
+def test_variance_factor_counts_the_conditions(make_scene: Maker, known: str) -> None:
+    """Weights state 0.2 px, the noise is 0.3 px: 2.25, also where the axis is a condition that holds."""
+    scene, runs, factors = make_scene(points=8, frames=4, distance_m=12.0), 40, []
+    for seed in range(runs):
+        problem = to_problem(scene, 0.3, seed)
+        axis = RotationAxis("fixed" if known == "axis" else "free")
+        start, conditions = of_window(Smoothing(), axis, scene.t_s, None, (scene.T_co.R, scene.T_co.t))
+        s = adjust_full(problem, *start, conditions=conditions)
+        system = linearise(weighted(problem, s.R, s.T, s.X, conditions), s.R, s.T, s.X)
+        factors.append(system.variance_factor(s.cost))
+    r = 96 - 24 - 24 + 6 + (6 if known == "axis" else 0)  # two of three turns from frame to frame
+    assert system.redundancy == r
+    # 3.5 sigma of the mean of chi-square over its degrees of freedom.
+    assert np.mean(factors) == pytest.approx(2.25, rel=3.5 * np.sqrt(2 / (r * runs)))
+
+
+def test_without_redundancy_there_is_no_variance_factor(make_scene: Maker) -> None:
+    """One frame: as many coordinates as unknowns."""
+    scene = make_scene(points=5, frames=1)
+    problem = to_problem(scene, 0.0)
+    state = scene.T_co.R, scene.T_co.t, scene.X
+    with pytest.raises(SingularSystem, match="redundant"):
+        linearise(weighted(problem, *state), *state).variance_factor(1.0)
 
 
 @pytest.mark.parametrize("method", METHODS)
