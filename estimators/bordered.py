@@ -94,14 +94,23 @@ class BorderedSystem:
         Raises
             SingularSystem: a point is not determined by its observations.
         """
-        p = 3 * self.n
-        N = Sparse(self.N + damping * scipy.sparse.eye_array(self.A.shape[1]))
-        N_inv = inverse_spd(_blocks(N[:p, :p]), "a point is not determined by its observations")
-        border = scipy.sparse.hstack([N[:p, p:], self.H[:p]]).toarray()
+        N_XX, border, corner = self._parts
+        N_inv = inverse_spd(N_XX + damping * np.eye(3), "a point is not determined by its observations")
         Y = np.asarray((N_inv @ border.reshape(self.n, 3, -1)).reshape(border.shape))
-        H_p = self.H[p:].toarray()
-        M = np.block([[N[p:, p:].toarray(), H_p], [H_p.T, np.zeros((H_p.shape[1],) * 2)]]) - border.T @ Y
-        return Elimination(self.b, N_inv, Y, (M + M.T) / 2, 6 * self.m)
+        M = corner - border.T @ Y
+        poses = np.arange(6 * self.m)
+        M[poses, poses] += damping
+        return Elimination(self.b, N_inv, Y, (M + M.T) / 2, len(poses))
+
+    @cached_property
+    def _parts(self) -> tuple[Float[Array, "n 3 3"], Float[Array, "x q"], Float[Array, "q q"]]:
+        """The bordered matrix in blocks: of the points, beside them, and of poses and multipliers."""
+        p, H = 3 * self.n, self.H.toarray()
+        border = np.hstack([self.N[:p, p:].toarray(), H[:p]])
+        corner = np.zeros((border.shape[1],) * 2)
+        q = 6 * self.m
+        corner[:q, :q], corner[:q, q:], corner[q:, :q] = self.N[p:, p:].toarray(), H[p:], H[p:].T
+        return _blocks(self.N[:p, :p]), border, corner
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.distance import cdist
 
 from estimators.gauss_markov import SingularSystem
 from estimators.stereo.object_motion import null_space
@@ -80,7 +81,7 @@ def choose_three(point: Int[Array, "k"], X: Float[Array, "n 3"]) -> Int[Array, "
 
 
 def _wide_triangle(X: Array) -> Int[Array, "3"]:
-    distance = np.linalg.norm(X[:, None] - X, axis=2)
+    distance = cdist(X, X)
     first, second = np.unravel_index(np.argmax(distance), distance.shape)
     from_line = np.linalg.norm(np.cross(X - X[first], X[second] - X[first]), axis=1)
     return np.array([first, second, np.argmax(from_line)])

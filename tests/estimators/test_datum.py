@@ -11,6 +11,7 @@ import pytest
 
 from estimators.bordered import BorderedSystem
 from estimators.gauss_markov import SingularSystem
+from estimators.stereo.conditions import RotationAxis, Smoothing, of_window
 from estimators.stereo.datum import (
     choose_three,
     full_null_space,
@@ -143,6 +144,20 @@ def test_covariance_carried_over_is_that_of_the_other_datum(problem: Problem, sc
     # Going there and nowhere: S is a projection, and the datum's own coordinates are certain.
     np.testing.assert_allclose(S @ S, S, atol=1e-9)
     np.testing.assert_allclose(goal.H.T @ expected, 0, atol=1e-7 * scale**2)
+
+
+def test_conditions_on_the_poses_leave_less_to_carry_over(problem: Problem, scene: Any) -> None:
+    """A fixed axis holds two turns of the frame: four directions are left between the datums."""
+    state = scene.T_co.R, scene.T_co.t, scene.X
+    conditions = of_window(Smoothing(), RotationAxis("fixed"), scene.t_s, None, state[:2])[1]
+    assert conditions is not None
+    w = weighted(problem, *state, conditions)
+    inner, three = linearise(w, *state), linearise(w, *state, THREE)
+    G = full_null_space(scene.T_co.R, scene.X) @ conditions.terms.datum
+    S = s_transformation(G, three.H[:, three.conditions["datum"]].toarray())
+    C, expected = inner.eliminate().covariance(), three.eliminate().covariance()
+    assert G.shape[1] == 4
+    np.testing.assert_allclose(S @ C @ S.T, expected, atol=1e-8 * np.diag(C).max())
 
 
 def test_functionals_free_of_the_frame_are_equal_in_both(problem: Problem, scene: Any) -> None:
