@@ -41,7 +41,8 @@ class WindowEstimate:
     (velocity and rate by differences of the window's last two frames, Siegemund 2008, 3.8.2, second way);
     sigma_0 estimated standard deviation of unit weight (2.1.22), redundancy, iterations; cost v'Wv.
     ``cov`` is that of the *stated* sigmas (variance factor 1). rejected (q,) tracks taken for outliers and left out;
-    second_group (g,) those of them that move together as another rigid body.
+    second_group (g,) those of them that move together as another rigid body. datum (3,) tracks that define the object
+    frame, none for the inner datum.
     """
 
     frames: Int[np.ndarray, "m"]
@@ -55,6 +56,7 @@ class WindowEstimate:
     cost: float
     rejected: Int[np.ndarray, "q"] = field(default_factory=lambda: _NONE)
     second_group: Int[np.ndarray, "g"] = field(default_factory=lambda: _NONE)
+    datum: Int[np.ndarray, "d"] = field(default_factory=lambda: _NONE)
 
     def __post_init__(self) -> None:
         freeze_fields(self)
@@ -70,22 +72,59 @@ class Failure:
 
 
 @dataclass(frozen=True, eq=False)
-class Interpretation:
-    """What the windows say of the vehicle, one row per window, at the centroid of its points (Siegemund 2008, 3.8).
+class VehicleMotion:
+    """Motion of a vehicle at the centroid of its points, one row per window, in axes of the world.
 
-    frame (k,) the window's newest frame; heading (k,) driving direction [rad], clockwise from the camera's forward
-    axis or, where ego poses are observed, from world +y; speed (k,) [m/s]; yaw_rate (k,) [rad/s], positive to the left
-    seen from above. ``over_ground`` says whether ego poses entered; else all is relative to the camera.
+    velocity (k, 3) [m/s] and angular rate omega (k, 3) [rad/s]; heading (k,) driving direction [rad], clockwise from
+    +y, NaN where the vehicle is not known to move. Without ego poses the world is that of a level, standing camera, +y
+    its forward axis.
+    """
+
+    velocity: Float[np.ndarray, "k 3"]
+    omega: Float[np.ndarray, "k 3"]
+    heading: Float[np.ndarray, "k"]
+
+    def __post_init__(self) -> None:
+        freeze_fields(self)
+
+    @property
+    def speed(self) -> Float[np.ndarray, "k"]:
+        return np.asarray(np.linalg.norm(self.velocity, axis=1))
+
+    @property
+    def yaw_rate(self) -> Float[np.ndarray, "k"]:
+        """[rad/s], positive to the left seen from above."""
+        return self.omega[:, 2]
+
+
+@dataclass(frozen=True, eq=False)
+class Interpretation:
+    """What the windows say of the vehicle, one row per window (Siegemund 2008, 3.8).
+
+    frame (k,) the window's newest frame. Motion both ways of 3.8.2: ``within`` by the last two frames of the window,
+    with the covariance cov (k, 6, 6) of its velocity and rate from the stated sigmas; ``across`` by the newest frames
+    of this window and the one before, NaN where there is none, its covariance not known: the two share observations.
+    Orientation of the vehicle frame f (x left, y up, z forward) in the object frame (3.8.2): R_of (k, 3, 3) from the
+    first window in which it moves, carried on; R_of_now from this window's own driving direction; NaN where not known.
+    ``over_ground`` says whether ego poses entered; else all is relative to the camera.
     """
 
     frame: Int[np.ndarray, "k"]
-    heading: Float[np.ndarray, "k"]
-    speed: Float[np.ndarray, "k"]
-    yaw_rate: Float[np.ndarray, "k"]
+    within: VehicleMotion
+    across: VehicleMotion
+    cov: Float[np.ndarray, "k 6 6"]
+    R_of: Float[np.ndarray, "k 3 3"]
+    R_of_now: Float[np.ndarray, "k 3 3"]
     over_ground: bool
 
     def __post_init__(self) -> None:
         freeze_fields(self)
+
+    @staticmethod
+    def from_fields(f: dict[str, Any]) -> Interpretation:
+        """From the nested fields of an archive."""
+        motions = {way: VehicleMotion(**f[way]) for way in ("within", "across")}
+        return Interpretation(**(f | motions))
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +153,8 @@ class TrajectoryEstimate:
         windows = tuple(WindowEstimate(**(w | {"T_co": Pose(**w["T_co"])})) for w in f["windows"])
         failures = tuple(Failure(x["frame"], x["reason"], tuple(x["hints"])) for x in f["failures"])
         T_wc = None if f["T_wc"] is None else Pose(**f["T_wc"])
-        return TrajectoryEstimate(
-            f["t_s"], windows, failures, Interpretation(**f["interpretation"]), T_wc, f["runtime_s"]
-        )
+        said = Interpretation.from_fields(f["interpretation"])
+        return TrajectoryEstimate(f["t_s"], windows, failures, said, T_wc, f["runtime_s"])
 
 
 Estimator = Callable[[Observations], TrajectoryEstimate | EstimationFailed]

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
 
 from estimators.estimate import EstimationFailed, TrajectoryEstimate
+from estimators.stereo import vehicle
 from reports.consistency import cramer_rao
 from reports.windows import AT_REST, WindowComparison, compare_window, inlier_tracks, standard_deviations
 from sim.observations import Tracks
@@ -28,6 +30,9 @@ UNITS = {
     "yaw_rate": "rad/s",
     "centroid_speed": "m/s",
     "driving_direction": "rad",
+    "centroid_speed_across": "m/s",
+    "driving_direction_across": "rad",
+    "yaw_rate_across": "rad/s",
     "shape": "m",
     "failure": "1",
 }
@@ -117,25 +122,38 @@ def _interpretation_rows(
 ) -> Iterator[Row]:
     """What the estimator itself says of the vehicle, against the true motion of the same points' centroid.
 
-    Its speed and course differ from those of the reference point where the vehicle turns: the jumps of Siegemund 2008,
-    Fig. 4.1.10, come from that choice alone.
+    From the last two frames of a window, and, with the suffix "_across" and without a sigma, from the newest frames of
+    consecutive windows; the yaw rate of the first way is that of `_window_rows`. No rows where the estimator gives
+    nothing: no direction for what may stand, no motion across for a first window. Speed and course differ from those of
+    the reference point where the vehicle turns: the jumps of Siegemund 2008, Fig. 4.1.10, come from that choice alone.
     """
     said = estimate.interpretation
     row_of = {int(frame): k for k, frame in enumerate(said.frame)}
-    for c in comparisons:
-        t, k = c.frame, row_of[c.frame]
-        velocity = c.truth.velocity + np.cross(c.truth.omega, c.truth.position - c.truth.reference)
-        course = R_WORLD_FROM_LEVEL_CAMERA @ velocity
-        if said.over_ground:
-            lever = truth.T_wc[t].apply(c.truth.position) - truth.T_wc[t].apply(c.truth.reference)
-            course = truth.velocity_w[t] + np.cross(truth.omega_w[t], lever)
-        heading = float(np.arctan2(course[0], course[1]))
-        turned = float(np.remainder(said.heading[k] - heading + np.pi, 2 * np.pi) - np.pi)
-        t_s, distance = float(truth.t_s[t]), float(c.truth.position[2])
-        speed = float(np.linalg.norm(course))
-        yield ("centroid_speed", t_s, name, "all", np.nan, speed, float(said.speed[k]), np.nan, distance)
+    unknown = np.full(len(said.frame), np.nan)
+    ways = (("", said.within, vehicle.standard_deviations(said)), ("_across", said.across, (unknown,) * 3))
+    for c, (suffix, motion, sigma) in itertools.product(comparisons, ways):
+        k, course = row_of[c.frame], _true_course(truth, c, said.over_ground)
+        speed, heading = float(np.linalg.norm(course)), float(np.arctan2(course[0], course[1]))
+        turned = float(np.remainder(motion.heading[k] - heading + np.pi, 2 * np.pi) - np.pi)
+        pairs = {"centroid_speed": (speed, motion.speed[k], sigma[0][k])}
         if speed > AT_REST:
-            yield ("driving_direction", t_s, name, "all", np.nan, heading, heading + turned, np.nan, distance)
+            pairs["driving_direction"] = (heading, heading + turned, sigma[1][k])
+        if suffix:
+            pairs["yaw_rate"] = (c.truth.yaw_rate, motion.yaw_rate[k], sigma[2][k])
+        t_s, distance = float(truth.t_s[c.frame]), float(c.truth.position[2])
+        for quantity, (true, estimated, s) in pairs.items():
+            if np.isfinite(estimated):
+                yield (quantity + suffix, t_s, name, "all", s, true, float(estimated), np.nan, distance)
+
+
+def _true_course(truth: Truth, c: WindowComparison, over_ground: bool) -> Array:
+    """Velocity of the compared points' centroid in world axes, or relative in those of a level camera."""
+    if not over_ground:
+        lever = c.truth.position - c.truth.reference
+        return np.asarray(R_WORLD_FROM_LEVEL_CAMERA @ (c.truth.velocity + np.cross(c.truth.omega, lever)))
+    T_wc = truth.T_wc[c.frame]
+    lever = T_wc.R @ (c.truth.position - c.truth.reference)
+    return np.asarray(truth.velocity_w[c.frame] + np.cross(truth.omega_w[c.frame], lever))
 
 
 def _smoothed_rows(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> Iterator[Row]:

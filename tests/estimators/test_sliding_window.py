@@ -106,7 +106,7 @@ def test_a_turning_object_far_away_is_not_reversed(make_scene: Maker) -> None:
     sigma_0 = np.array([w.sigma_0 for w in result.windows])
     # 4 sigma of the smallest redundancy, 3 frames: 3 * 180 - 18 - 180 + 6 = 348.
     assert sigma_0.max() < 1 + 4 / np.sqrt(2 * 348)
-    assert result.interpretation.yaw_rate[-10:].mean() == pytest.approx(-0.6, abs=0.2)
+    assert result.interpretation.within.yaw_rate[-10:].mean() == pytest.approx(-0.6, abs=0.2)
 
 
 def test_interpretation_relative_and_over_ground(make_scene: Maker) -> None:
@@ -116,21 +116,22 @@ def test_interpretation_relative_and_over_ground(make_scene: Maker) -> None:
     assert not relative.over_ground
     centre = scene.points_c().mean(axis=1)
     v = (np.diff(centre, axis=0) * 25)[1:]  # windows from the third frame on
-    np.testing.assert_allclose(relative.speed, np.linalg.norm(v, axis=1), atol=1e-5)
-    np.testing.assert_allclose(relative.heading, np.arctan2(v[:, 0], v[:, 2]), atol=1e-6)
-    assert (np.abs(relative.heading) > np.deg2rad(170)).all()
-    np.testing.assert_allclose(relative.yaw_rate, 0.3, atol=1e-5)
+    np.testing.assert_allclose(relative.within.speed, np.linalg.norm(v, axis=1), atol=1e-5)
+    np.testing.assert_allclose(relative.within.heading, np.arctan2(v[:, 0], v[:, 2]), atol=1e-6)
+    assert (np.abs(relative.within.heading) > np.deg2rad(170)).all()
+    np.testing.assert_allclose(relative.within.yaw_rate, 0.3, atol=1e-5)
     R = np.broadcast_to(R_WORLD_FROM_LEVEL_CAMERA, (8, 3, 3))
     T_wc = Pose(R, np.multiply.outer(scene.t_s, [0.0, 15.0, 0.0]))
     ground = estimated(scene.observe(0.0, T_wc=T_wc), second_order=False).interpretation
     assert ground.over_ground
     np.testing.assert_allclose(
-        ground.speed * np.cos(ground.heading), relative.speed * np.cos(relative.heading) + 15, atol=1e-6
+        ground.within.speed * np.cos(ground.within.heading),
+        relative.within.speed * np.cos(relative.within.heading) + 15,
+        atol=1e-6,
     )
     turning = Pose(rot_z(0.5 * scene.t_s) @ R, T_wc.t)
-    assert estimated(scene.observe(0.0, T_wc=turning), second_order=False).interpretation.yaw_rate[-1] == pytest.approx(
-        0.8
-    )
+    turned = estimated(scene.observe(0.0, T_wc=turning), second_order=False).interpretation
+    assert turned.within.yaw_rate[-1] == pytest.approx(0.8)
 
 
 def failed(observations: Any, **config: Any) -> EstimationFailed:

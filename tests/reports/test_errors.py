@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from estimators.estimate import EstimationFailed, Failure
+from estimators.stereo.vehicle import interpret
 from reports.errors import ERROR_COLUMNS, SMOOTHED, comparison_table
 from reports.windows import compare_window, inlier_tracks, standard_deviations, transport_jacobian
 from sim.pose import Pose, exp_so3, log_so3
@@ -29,6 +30,7 @@ def test_the_truth_has_no_error(world, keys):
     assert set(table["quantity"]) == {
         *("position", "orientation", "reference_point", "velocity", "angular_rate", "speed", "yaw_rate", "shape"),
         *("centroid_speed", "driving_direction"),
+        *("centroid_speed_across", "driving_direction_across", "yaw_rate_across"),
     }
     assert not table[["t_s", "error"]].isna().any(axis=None)
 
@@ -210,13 +212,41 @@ def _disturbed(window, x):
 def test_the_estimators_own_words_are_held_against_the_same_points(build_world, keys, ego_poses):
     straight = build_world(ego_speed=5.0, ego_poses=ego_poses)
     table = comparison_table(straight.truth, straight.tracks, straight.estimate, **keys)
-    for quantity in ("centroid_speed", "driving_direction"):
+    for quantity in ("centroid_speed", "driving_direction", "centroid_speed_across", "driving_direction_across"):
         np.testing.assert_allclose(column(table, quantity, "all"), 0, atol=1e-7)
     said = straight.estimate.interpretation
-    wrong = replace(straight.estimate, interpretation=replace(said, heading=said.heading + 0.1 - 2 * np.pi))
+    wrong = replace(said.within, heading=said.within.heading + 0.1 - 2 * np.pi)
+    wrong = replace(straight.estimate, interpretation=replace(said, within=wrong))
     table = comparison_table(straight.truth, straight.tracks, wrong, **keys)
     np.testing.assert_allclose(column(table, "driving_direction", "all"), 0.1, atol=1e-7)
+    np.testing.assert_allclose(column(table, "driving_direction_across", "all"), 0, atol=1e-7)
     turning = build_world(yaw_rate=0.5, ego_poses=ego_poses)
     table = comparison_table(turning.truth, turning.tracks, turning.estimate, **keys)
     # A difference of two frames 0.04 s apart, 0.5 rad/s: half a frame late is 0.01 rad in the course.
     np.testing.assert_allclose(np.abs(column(table, "driving_direction", "all")), 0.01, rtol=0.2)
+
+
+def test_what_only_the_way_across_windows_sees(build_world, keys):
+    """Every second window sees all farther by 1 cm: 0.25 m/s there and back, nothing within the windows."""
+    w = build_world()
+    farther = Pose(np.eye(3), np.array([0, 0, 0.01]))
+    windows = tuple(replace(x, T_co=farther @ x.T_co) if i % 2 else x for i, x in enumerate(w.estimate.windows))
+    estimate = replace(w.estimate, windows=windows, interpretation=interpret(windows, w.truth.t_s, None))
+    table = comparison_table(w.truth, w.tracks, estimate, **keys)
+    np.testing.assert_allclose(column(table, "centroid_speed", "all"), 0, atol=1e-7)
+    across = column(table, "centroid_speed_across", "all")
+    assert len(across) == len(windows) - 1
+    np.testing.assert_allclose(across, np.resize([-0.25, 0.25], len(across)), atol=1e-3)  # driving slightly aside
+    np.testing.assert_allclose(column(table, "yaw_rate_across", "all"), 0, atol=1e-9)
+    sigma = table.set_index("quantity")["sigma"]
+    assert (sigma.loc[["centroid_speed", "driving_direction"]] > 0).all()
+    assert sigma.loc[["centroid_speed_across", "driving_direction_across", "yaw_rate_across"]].isna().all()
+
+
+def test_no_row_without_a_driving_direction(world, keys):
+    said = world.estimate.interpretation
+    heading = np.where(np.arange(len(said.frame)) < 5, np.nan, said.within.heading)
+    estimate = replace(world.estimate, interpretation=replace(said, within=replace(said.within, heading=heading)))
+    table = comparison_table(world.truth, world.tracks, estimate, **keys)
+    assert len(column(table, "driving_direction", "all")) == len(said.frame) - 5
+    assert len(column(table, "centroid_speed", "all")) == len(said.frame)
