@@ -7,6 +7,7 @@ second-order bias of the expectation - is evaluated here, at whatever point the 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
@@ -15,6 +16,7 @@ from estimators.stereo.kernel import FAR_M as FAR_M
 from sim.camera import Camera, StereoRig
 
 Array = np.ndarray
+Propagation = Literal["linear", "unscented"]
 
 
 def undistorted(
@@ -63,29 +65,46 @@ def _midpoint(rig: StereoRig, uv: Array) -> Array:
 
 
 def triangulate(
-    rig: StereoRig, uv: Float[Array, "n 4"], cov: Float[Array, "n 4 4"]
+    rig: StereoRig, uv: Float[Array, "n 4"], cov: Float[Array, "n 4 4"], propagation: Propagation = "linear"
 ) -> tuple[Float[Array, "n 3"], Float[Array, "n 3 3"]]:
-    """Points in the left camera frame [m] and their covariance [m²] by linear propagation.
+    """Points in the left camera frame [m] and their covariance [m²] (Siegemund 2008, 3.1.5).
 
     Normal case in closed form, general relative orientation linear; then Gauss-Newton on the image residuals, so that
     the four coordinates enter with their covariance. Rows whose rays do not meet in front of both cameras, nearer than
     `FAR_M`, are NaN.
+
+    propagation: how the covariance of the image coordinates is carried over, "linear" or "unscented" by sigma points.
+    Where not all sigma points can be triangulated, or what they span is no covariance, the linear one stands. The mean
+    of the sigma points is not used: the source corrects the points by `second_order_bias` (4.1.2.2).
     """
+    W_uv = np.linalg.inv(cov)
+    points = _points(rig, uv, W_uv)
+    good = np.isfinite(points).all(axis=1)
+    C = np.full((len(points), 3, 3), np.nan)
+    C[good] = np.linalg.inv(information(rig, points[good], W_uv[good]))
+    if propagation == "unscented":
+        _, C_sigma = unscented(lambda x: _points(rig, x, W_uv), uv, cov)
+        whole = np.isfinite(C_sigma).all(axis=(1, 2)) & good
+        whole[whole] = np.linalg.eigvalsh(C_sigma[whole])[:, 0] > 0
+        C[whole] = C_sigma[whole]
+    return points, C
+
+
+def _points(rig: StereoRig, uv: Array, W_uv: Array) -> Array:
+    """Points of weighted image coordinates, NaN where there is none."""
     p = _normal_case(rig, uv) if rig.is_normal_case else _midpoint(rig, uv)
     good = np.isfinite(p).all(axis=1) & (p[:, 2] < FAR_M)
-    points, C = np.full_like(p, np.nan), np.full((len(p), 3, 3), np.nan)
+    points = np.full_like(p, np.nan)
     if not good.any():
-        return points, C
-    p, uv, W_uv = p[good], uv[good], np.linalg.inv(cov[good])
+        return points
+    p, uv, W_uv = p[good], uv[good], W_uv[good]
     for _ in range(2):
         J = rig.project_jacobian(p)
         JW = np.swapaxes(J, 1, 2) @ W_uv
         p = p + np.linalg.solve(JW @ J, JW @ (uv - rig.project(p))[:, :, None])[:, :, 0]
     in_front = np.isfinite(rig.project(p)).all(axis=1) & (p[:, 2] < FAR_M)
-    rows = np.flatnonzero(good)[in_front]
-    points[rows] = p[in_front]
-    C[rows] = np.linalg.inv(information(rig, p[in_front], W_uv[in_front]))
-    return points, C
+    points[np.flatnonzero(good)[in_front]] = p[in_front]
+    return points
 
 
 def information(rig: StereoRig, p: Float[Array, "n 3"], W_uv: Float[Array, "n 4 4"]) -> Float[Array, "n 3 3"]:

@@ -87,6 +87,51 @@ def test_covariance_by_sigma_points(rigs: dict[str, StereoRig], kind: str) -> No
     np.testing.assert_allclose((mean - POINTS)[:, 2], bias[:, 2], rtol=0.02)
 
 
+@both_rigs
+def test_unscented_propagation_where_the_linear_one_falls_short(rigs: dict[str, StereoRig], kind: str) -> None:
+    """At 60 m with sigma 0.4 px, r² = (sigma_d/d)² = 0.0128: the variance of depth is Z² r² (1 + 8 r²).
+
+    Sigma points lie on the axes of the four coordinates: they see what each does alone, 4 of the 8, and nothing of two
+    together.
+    """
+    rig, n, sigma = rigs[kind], 200_000, 0.4
+    p = np.array([1.0, 0.3, 60.0])
+    noise = np.random.default_rng(6).standard_normal((n, 4))
+    l, _ = triangulate(rig, rig.project(p) + sigma * noise, unit(n, sigma))
+    uv = rig.project(p[None])
+    points, C = triangulate(rig, uv, unit(1, sigma), "unscented")
+    same, linear = triangulate(rig, uv, unit(1, sigma))
+    np.testing.assert_array_equal(points, same)
+    r2 = linear[0, 2, 2] / 60.0**2
+    # Sixth order: 69 r^4 = 0.011 of the variance; scatter sqrt(2/n) = 0.003.
+    assert np.var(l[:, 2]) / linear[0, 2, 2] == pytest.approx(1 + 8 * r2, abs=0.02)
+    assert C[0, 2, 2] / linear[0, 2, 2] == pytest.approx(1 + 4 * r2, abs=0.01)
+    assert r2 > 0.01  # the test can tell
+
+
+def test_unscented_propagation_of_one_coordinate_is_exact_to_fourth_order(rigs: dict[str, StereoRig]) -> None:
+    rig, n = rigs["normal"], 200_000
+    cov = np.diag([0.4**2, 1e-8, 1e-8, 1e-8])[None]
+    uv = rig.project(np.array([[1.0, 0.3, 60.0]]))
+    shifted = np.repeat(uv, n, axis=0)
+    shifted[:, 0] += 0.4 * np.random.default_rng(7).standard_normal(n)
+    l, _ = triangulate(rig, shifted, np.repeat(cov, n, axis=0))
+    C = triangulate(rig, uv, cov, "unscented")[1][0]
+    # 69 s^4 = 0.003 of the variance with s² = 0.0064, scatter 0.003; the linear one is 0.05 short.
+    assert C[2, 2] == pytest.approx(np.var(l[:, 2]), rel=0.0125)
+    assert triangulate(rig, uv, cov)[1][0, 2, 2] < 0.96 * C[2, 2]
+
+
+def test_where_sigma_points_fail_the_linear_covariance_stands(rigs: dict[str, StereoRig]) -> None:
+    """A disparity of one standard deviation: some sigma points lie behind infinity."""
+    uv = rigs["normal"].project(POINTS)
+    uv[1] = [511.5, 383.5, 511.5 - 0.4, 383.5]
+    _, linear = triangulate(rigs["normal"], uv, unit(4, 0.4))
+    _, C = triangulate(rigs["normal"], uv, unit(4, 0.4), "unscented")
+    np.testing.assert_array_equal(C[1], linear[1])
+    assert (C[[0, 2, 3], 2, 2] > linear[[0, 2, 3], 2, 2]).all()
+
+
 def test_unscented_transform_of_a_linear_and_a_quadratic_function() -> None:
     """Exact for linear functions; mean exact for quadratic ones."""
     rng = np.random.default_rng(4)
