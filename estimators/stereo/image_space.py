@@ -6,7 +6,8 @@ pi projects into both images, J is its Jacobian (4 x 3). All four coordinates en
 triangulation stands between, so nothing of its bias and of the weights' question (Siegemund 2008, 4.1.2-4.1.3) either.
 
 Gauss-Newton creeps where short tracks hold many frames together: their weak directions have less curvature than the
-residuals. So the steps are Newton's, with the second derivatives of rotation and projection.
+residuals. So the steps are Newton's, with the second derivatives of rotation and projection; and the points follow the
+poses of every step beyond the linear, else it leaves the valleys of far objects, which are bent.
 """
 
 from __future__ import annotations
@@ -16,7 +17,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimators.gauss_markov import Blocks, SingularSystem, Spectrum, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.gauss_markov import (
+    Blocks,
+    SingularSystem,
+    Spectrum,
+    inverse_spd,
+    normal_blocks,
+    reduce_points,
+    spectrum,
+    sum_by,
+)
 from estimators.stereo.conditions import Conditions
 from estimators.stereo.object_motion import Solution, Stop, design, null_space
 from estimators.stereo.triangulation import information
@@ -25,7 +35,8 @@ from sim.pose import exp_so3, hat
 
 Array = np.ndarray
 _TRIES = 14
-_GAUSS_NEWTON_STEPS = 2
+# At rough start values Newton's curvature belongs to residuals that one linear step takes away.
+_GAUSS_NEWTON_STEPS = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +67,18 @@ class ImageProblem:
     def cost(self, R: Array, T: Array, X: Array) -> float:
         v = self.residuals(R, T, X)
         return float(np.einsum("ka,kab,kb->", v, self.W_uv, v))
+
+    def improved_points(self, R: Array, T: Array, X: Array) -> Float[Array, "n 3"]:
+        """One Gauss-Newton step of every point for fixed poses.
+
+        Raises
+            SingularSystem: a point is not determined by its observations.
+        """
+        J = self.rig.project_jacobian(self.camera_points(R, T, X)) @ R[self.frame]
+        JW = np.swapaxes(J, 1, 2) @ self.W_uv
+        N_inv = inverse_spd(sum_by(self.point, JW @ J, self.n), "a point is not determined by its observations")
+        b = sum_by(self.point, (JW @ self.residuals(R, T, X)[:, :, None])[:, :, 0], self.n)
+        return np.asarray(X + (N_inv @ b[:, :, None])[:, :, 0])
 
     def blocks(self, R: Array, T: Array, X: Array, newton: bool = True) -> Blocks:
         """Normal equations, Newton's or Gauss-Newton's: half the cost's negative gradient and second derivatives."""
@@ -158,7 +181,8 @@ def adjust_images(
         for _ in range(_TRIES):
             dp = system.step(damping)
             d = dp.reshape(-1, 6)
-            R_new, T_new, X_new = exp_so3(d[:, :3]) @ R, T + d[:, 3:], X + reduced.points(dp)
+            R_new, T_new = exp_so3(d[:, :3]) @ R, T + d[:, 3:]
+            X_new = problem.improved_points(R_new, T_new, X + reduced.points(dp))
             cost_new = problem.cost(R_new, T_new, X_new) + system.cost(R_new, T_new)
             if cost_new <= cost * (1 + 1e-12) + 1e-12:
                 break
