@@ -216,6 +216,17 @@ def mean_points(tiles: Tiles, frame: Array, point: Array, l: Array, R: Array, T:
 
 @compiled
 @no_type_check
+def in_lanes(tiles: Tiles, points: Array) -> Array:
+    """Points (n, 3) in the lanes of their tiles."""
+    X = np.zeros(3 * len(tiles.unused))
+    for i in range(len(points)):
+        for a in range(3):
+            X[(tiles.lane[i] // LANES * 3 + a) * LANES + tiles.lane[i] % LANES] = points[i, a]
+    return X
+
+
+@compiled
+@no_type_check
 def points_of(tiles: Tiles, X: Array) -> Array:
     """Points (n, 3) in their own order from those in lanes."""
     points = np.empty((len(tiles.lane), 3))

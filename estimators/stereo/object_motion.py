@@ -26,6 +26,7 @@ from estimators.stereo.kernel import (
     UNDETERMINED_TRACK,
     UNOBSERVED_POSE,
     descend,
+    in_lanes,
     layout,
     mean_points,
     points_of,
@@ -139,6 +140,7 @@ def adjust(
     tolerance: float = 1e-6,
     max_iterations: int = 50,
     conditions: Conditions | None = None,
+    X: Float[Array, "n 3"] | None = None,
 ) -> Solution:
     """Gauss-Newton with the points solved anew for the poses of every iteration, carried on to Newton's method.
 
@@ -148,7 +150,7 @@ def adjust(
 
     stop: "decrement" squared Newton decrement below the tolerance; "update" largest parameter change (2.1.19);
     "relative_update" largest change in units of its standard deviation (2.1.20). Start poses must meet the fixed
-    ``conditions``, as `conditions.of_window` makes them.
+    ``conditions``, as `conditions.of_window` makes them. X: start values of the points, by default their means.
 
     Raises
         SingularSystem: the tracks do not determine the motion, or the iterations did not converge.
@@ -156,17 +158,18 @@ def adjust(
     model, R, T = problem.model, np.array(R, float), np.array(T, float)
     tiles = layout(problem.frame, problem.point, problem.m, problem.n)
     model.fill(tiles)
-    X = mean_points(tiles, problem.frame, problem.point, problem.l, R, T)
+    cloud = problem.frame, problem.point, problem.l
+    X_lanes = mean_points(tiles, *cloud, R, T) if X is None else in_lanes(tiles, X)
     T_rl = model.rig.T_rl
     terms = no_terms(problem.m) if conditions is None else conditions.terms
-    arguments = (tiles, terms, model.W is None, model.second_order, T_rl.R, T_rl.t, R, T, X)
+    arguments = (tiles, terms, model.W is None, model.second_order, T_rl.R, T_rl.t, R, T, X_lanes)
     try:
         status, iterations, cost = descend(*arguments, _STOPS.index(stop), tolerance, max_iterations)
     except np.linalg.LinAlgError as error:
         raise SingularSystem("the motion is not determined by the tracks") from error
     if status != CONVERGED:
         raise SingularSystem(_FAILURES[status].format(max_iterations))
-    return Solution(R, T, points_of(tiles, X), weights_of(tiles), cost, iterations)
+    return Solution(R, T, points_of(tiles, X_lanes), weights_of(tiles), cost, iterations)
 
 
 def motion_covariance(

@@ -1,0 +1,308 @@
+"""One window from observations to estimate: tracks chosen, poses started, adjusted, outliers left out, datum fixed."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from estimators.estimate import EstimationFailed, WindowEstimate
+from estimators.gauss_markov import SingularSystem
+from estimators.stereo import initial_values, windows
+from estimators.stereo.conditions import Conditions, of_window
+from estimators.stereo.configuration import Configuration
+from estimators.stereo.datum import choose_three, in_frame, three_point_frame
+from estimators.stereo.depth_bias import observation_model
+from estimators.stereo.image_space import ImageProblem, adjust_images
+from estimators.stereo.object_motion import (
+    Problem,
+    Solution,
+    adjust,
+    align,
+    motion_covariance,
+    points_by_mean,
+    redundancy,
+)
+from estimators.stereo.outliers import DETECTORS, PriorKnowledge, select_points
+from estimators.stereo.solvers import adjust_full
+from estimators.stereo.triangulation import triangulate, undistorted
+from sim.camera import StereoRig
+from sim.observations import Observations
+from sim.pose import Pose
+
+Array = np.ndarray
+Poses = tuple[Array, Array]
+Known = Callable[..., tuple[Poses, Conditions | None]]
+# A well-determined window started from its predecessor takes no more iterations; standard deviations a cost may exceed
+# its expectation by before other starts are tried.
+_EASY, _SURPRISE = 6, 1.5
+_HINTS = ("too few or collinear tracks", "outliers among the tracks")
+
+
+@dataclass(frozen=True, eq=False)
+class Points:
+    """Triangulated observations of the whole sequence, flat, in front of the cameras of an undistorted rig.
+
+    frame, track (k,); l (k, 3) [m] with covariance C (k, 3, 3); uv (k, 4) [px] with weights W_uv (k, 4, 4).
+    """
+
+    rig: StereoRig
+    frame: Int[Array, "k"]
+    track: Int[Array, "k"]
+    l: Float[Array, "k 3"]
+    C: Float[Array, "k 3 3"]
+    uv: Float[Array, "k 4"]
+    W_uv: Float[Array, "k 4 4"]
+
+    def select(self, rows: Array) -> Points:
+        return Points(self.rig, *(x[rows] for x in (self.frame, self.track, self.l, self.C, self.uv, self.W_uv)))
+
+
+def triangulated(observations: Observations) -> Points:
+    """The observations as points, but for those whose rays do not meet in front of the cameras."""
+    tracks = observations.tracks
+    rig, uv, cov = undistorted(observations.rig, tracks.uv, tracks.cov)
+    l, C = triangulate(rig, uv, cov)
+    good = np.isfinite(l).all(axis=1)
+    return Points(rig, tracks.frame[good], tracks.track[good], l[good], C[good], uv[good], np.linalg.inv(cov[good]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """The observations of one window, its frames (m,) and tracks (n,), and the problem they pose."""
+
+    points: Points
+    frames: Int[Array, "m"]
+    track: Int[Array, "n"]
+    problem: Problem
+
+    @staticmethod
+    def of(points: Points, frames: Array, config: Configuration) -> _Window:
+        track, point = np.unique(points.track, return_inverse=True)
+        frame = np.searchsorted(frames, points.frame)
+        model = observation_model(points.rig, points.l, points.C, points.W_uv, config.weights, config.second_order)
+        return _Window(points, frames, track, Problem(frame, point, points.l, model, len(frames), len(track)))
+
+    def without(self, inlier: Array) -> _Window:
+        """The window of some tracks alone.
+
+        Raises
+            SingularSystem: a frame is left with fewer than three tracks.
+        """
+        rows = inlier[self.problem.point]
+        return _Window(self.points.select(rows), self.frames, self.track[inlier], select_points(self.problem, inlier))
+
+    @property
+    def images(self) -> ImageProblem:
+        p = self.problem
+        return ImageProblem(self.points.rig, p.frame, p.point, self.points.uv, self.points.W_uv, p.m, p.n)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A solution with the start it was reached from and the conditions it was found under; redundancy r."""
+
+    start: Poses
+    conditions: Conditions | None
+    solution: Solution
+    r: int
+
+    @property
+    def motion(self) -> tuple[Array, Array, Array]:
+        return self.solution.R, self.solution.T, self.solution.X
+
+    @property
+    def tied(self) -> bool:
+        return self.conditions is not None and self.conditions.tied
+
+
+def adjust_window(
+    config: Configuration,
+    observations: Observations,
+    points: Points,
+    newest: int,
+    window: Int[Array, "m"],
+    previous: WindowEstimate | None,
+) -> WindowEstimate | EstimationFailed:
+    """The estimate of the frames ``window`` up to ``newest``, started from the previous window where there is one."""
+    if not len(window) or window[-1] != newest:
+        return EstimationFailed("the newest frame has no observation")
+    rows, frames = windows.select(points.frame, points.track, window, config.min_overlap)
+    if len(frames) < 2 or frames[-1] != newest:
+        return EstimationFailed(
+            "the newest frame shares fewer than three tracks with the window", ("the tracks are too short",)
+        )
+    if previous is not None and config.extent_m and initial_values.has_drifted(previous.X_o, config.extent_m):
+        previous = None
+    w = _Window.of(points.select(rows), frames, config)
+    T_wc = None if observations.T_wc is None else observations.T_wc[frames]
+    known = functools.partial(of_window, config.smoothing, config.rotation_axis, observations.t_s[frames], T_wc)
+    try:
+        good, inlier, second, fit = _Adjustment(config, known, previous).robust(w, observations.t_s)
+        result = _finished(config, good, fit, observations.t_s, previous)
+        return replace(result, rejected=w.track[~inlier], second_group=w.track[second])
+    except SingularSystem as error:
+        return EstimationFailed(str(error), _HINTS)
+
+
+@dataclass(frozen=True, eq=False)
+class _Adjustment:
+    """How a window is adjusted: options, conditions that belong to a start, and the window before."""
+
+    config: Configuration
+    known: Known
+    previous: WindowEstimate | None
+
+    def robust(self, w: _Window, t_s: Array) -> tuple[_Window, Array, Array, _Fit]:
+        """The window of the good tracks, which (n,) those are, which of the others form a second group, and the fit."""
+        c = self.config
+        inlier, second = np.ones(len(w.track), bool), np.zeros(len(w.track), bool)
+        if c.extent_m:
+            cov = np.linalg.inv(w.points.W_uv)
+            inlier = PriorKnowledge(c.extent_m)(w.points.rig, cov, w.problem.frame, w.problem.point, w.problem.l)
+        near = w.without(inlier)
+        fit = self.best(near, _propagated(t_s, w.frames, self.previous))
+        good = near
+        if c.outliers != "none":
+            verdict = DETECTORS[c.outliers](near.problem, fit.start, self.solve)
+            kept = np.flatnonzero(inlier)
+            inlier[kept[~verdict.inlier]] = False
+            if verdict.second_group is not None:
+                second[kept[verdict.second_group]] = True
+            good = near.without(verdict.inlier)
+            solution = verdict.solution
+            if fit.conditions is not None:
+                solution = self.solve(good.problem, fit.start, fit.conditions)
+            fit = self.fitted(good.problem, fit.start, fit.conditions, solution)
+        if c.space == "image":
+            solution = adjust_images(good.images, fit.solution, c.stop, c.tolerance, c.max_iterations, fit.conditions)
+            fit = replace(fit, solution=solution, r=fit.r + len(good.problem.frame))
+        return good, inlier, second, fit
+
+    def best(self, w: _Window, propagated: Poses | None) -> _Fit:
+        """Fit from the last window; where that fails or is doubtful, of it and the cloud's the best reprojected one.
+
+        v'Wv would not compare them: estimated weights fall with the distance of the points.
+        """
+        tried: list[_Fit | SingularSystem] = []
+        if propagated is not None:
+            tried.append(self._attempt(w, propagated, self.config.smoothing.tied))
+            if isinstance(tried[0], _Fit) and _is_trusted(tried[0]):
+                return tried[0]
+        tried += [self._attempt(w, start, 0) for start in self._cloud_starts(w.problem)]
+        found = [fit for fit in tried if isinstance(fit, _Fit)]
+        if not found:
+            raise next(error for error in tried if isinstance(error, SingularSystem))
+        images = w.images if len(found) > 1 else None
+        return found[0] if images is None else min(found, key=lambda fit: images.cost(*fit.motion))
+
+    def _attempt(self, w: _Window, start: Poses, tied: int) -> _Fit | SingularSystem:
+        try:
+            start, conditions = self.known(start, tied)
+            X = self._points(w, start)
+            return self.fitted(w.problem, start, conditions, self.solve(w.problem, start, conditions, X))
+        except SingularSystem as error:
+            return error
+
+    def solve(
+        self, problem: Problem, start: Poses, conditions: Conditions | None = None, X: Array | None = None
+    ) -> Solution:
+        c = self.config
+        if c.solver == "newton":
+            return adjust(problem, *start, c.stop, c.tolerance, c.max_iterations, conditions, X)
+        return adjust_full(problem, *start, c.solver, "inner", conditions, c.stop, c.tolerance, c.max_iterations)
+
+    def fitted(self, problem: Problem, start: Poses, conditions: Conditions | None, s: Solution) -> _Fit:
+        return _Fit(start, conditions, s, redundancy(problem, conditions, (s.R, s.T)))
+
+    def _cloud_starts(self, p: Problem) -> Iterator[Poses]:
+        if self.config.initial in ("best", "shared_tracks"):
+            yield initial_values.from_shared_tracks(p.frame, p.point, p.l, p.m)
+        if self.config.initial == "best":
+            yield initial_values.from_alignment(p.frame, p.point, p.l, p.m)
+        if self.config.initial != "shared_tracks":
+            axes = "principal_axes_xz" if self.config.initial == "best" else self.config.initial
+            yield initial_values.from_cloud(p.frame, p.l, p.m, axes)
+
+    def _points(self, w: _Window, start: Poses) -> Array | None:
+        """Start values of the points; None for the mean, which the adjustment takes by itself."""
+        if self.config.points == "mean":
+            return None
+        p, last = w.problem, self.previous
+        X = initial_values.points_from_cloud(p.frame, p.point, p.l, *start, p.n)
+        if self.config.points == "median" or last is None:
+            return X
+        return initial_values.propagated_points(w.track, X, last.track, last.X_o)
+
+
+def _is_trusted(fit: _Fit) -> bool:
+    """Whether a propagated solution is no local minimum, of which far objects have many: quickly found, or cheap."""
+    r = max(fit.r, 1)
+    return bool(fit.solution.iterations <= _EASY or fit.solution.cost <= r + _SURPRISE * np.sqrt(2 * r))
+
+
+def _finished(
+    config: Configuration, w: _Window, fit: _Fit, t_s: Float[Array, "f"], previous: WindowEstimate | None
+) -> WindowEstimate:
+    """The solution with its covariance, in its datum."""
+    s, p = fit.solution, w.problem
+    Q, shift, three = _frame(config, w, fit, previous)
+    R, T, X = in_frame(s.R, s.T, s.X, Q, shift)
+    dt_s = t_s[w.frames[-1]] - t_s[w.frames[-2]]
+    return WindowEstimate(
+        frames=w.frames,
+        T_co=Pose(R, T),
+        track=w.track,
+        X_o=X,
+        cov=motion_covariance(p.frame, p.point, s.R, s.X, s.W, dt_s, s.T, fit.conditions),
+        sigma_0=float(np.sqrt(s.cost / fit.r)) if fit.r > 0 else float("nan"),
+        redundancy=fit.r,
+        iterations=s.iterations,
+        cost=s.cost,
+        datum=three,
+    )
+
+
+def _frame(
+    config: Configuration, w: _Window, fit: _Fit, previous: WindowEstimate | None
+) -> tuple[Array, Array, Int[Array, "d"]]:
+    """Rotation and shift into the object frame, and the tracks that define it where three do.
+
+    The inner datum is that of the points the last window knew, else of the start values; tied frames hold it
+    themselves. Three points hold it while all of them are seen; others then put it where they lie.
+    """
+    s, none = fit.solution, np.empty(0, int)
+    if config.datum == "three_points":
+        kept = previous is not None and len(previous.datum) and np.isin(previous.datum, w.track).all()
+        if previous is not None and kept:
+            three = np.searchsorted(w.track, previous.datum)
+        else:
+            three = choose_three(w.problem.point, s.X)
+        return *three_point_frame(s.X, three), w.track[three]
+    if fit.tied:
+        return np.eye(3), np.zeros(3), none
+    if previous is not None:
+        _, old, new = np.intersect1d(previous.track, w.track, return_indices=True)
+        if len(new) >= windows.MIN_POINTS:
+            return *align(s.X[new], previous.X_o[old]), none
+    return *align(s.X, points_by_mean(w.problem, *fit.start)), none
+
+
+def _propagated(t_s: Array, frames: Array, previous: WindowEstimate | None) -> Poses | None:
+    """Poses of the last window, the newest one extrapolated; None where it does not hold all others (3.7.1.2)."""
+    if previous is None:
+        return None
+    known, old, new = np.intersect1d(previous.frames, frames, return_indices=True)
+    if len(known) < 2 or len(frames) - len(known) > 1:
+        return None
+    R, T = np.empty((len(frames), 3, 3)), np.empty((len(frames), 3))
+    R[new], T[new] = previous.T_co.R[old], previous.T_co.t[old]
+    if len(known) < len(frames):
+        last = old[-2:]
+        R[-1], T[-1] = initial_values.extrapolate(
+            previous.T_co.R[last], previous.T_co.t[last], t_s[known[-2:]], float(t_s[frames[-1]])
+        )
+    return R, T
