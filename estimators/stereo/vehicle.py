@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from estimators.estimate import Interpretation, VehicleMotion, WindowEstimate
-from estimators.stereo.object_motion import align
 from estimators.stereo.windows import MIN_POINTS
 from sim.pose import R_WORLD_FROM_LEVEL_CAMERA, Pose, exp_so3, left_jacobian, log_so3
 
@@ -34,8 +34,9 @@ def interpret(windows: Sequence[WindowEstimate], t_s: Float[Array, "m"], T_wc: P
 
     It is taken to drive forwards (3.8.1); ego poses count as exact. Motion is that of the centroid of the window's
     points by differences of two frames (3.8.5)-(3.8.7): the last two of the window, or its newest and that of the
-    window before. For the latter the object frame of the window before is laid on this one's by the tracks both have,
-    so that a datum chosen anew is no motion (3.7.1.3); NaN where they have fewer than three.
+    window before. For the latter this one's object frame is laid on that of the window before by the frames and tracks
+    both have, so that a datum chosen anew is no motion (3.7.1.3); NaN where they have no frame or fewer than three
+    tracks in common.
     """
     ego = level_camera(len(t_s)) if T_wc is None else T_wc
     last = np.array([w.frames[-2:] for w in windows], int).reshape(-1, 2)
@@ -111,9 +112,17 @@ def _heading(velocity: Array, moves: Array) -> Array:
 
 
 def _link(before: WindowEstimate, window: WindowEstimate) -> Pose | None:
-    """Object frame of the window before from this one's, by their common tracks."""
-    _, old, new = np.intersect1d(before.track, window.track, assume_unique=True, return_indices=True)
-    return Pose(*align(window.X_o[new], before.X_o[old])) if len(new) >= MIN_POINTS else None
+    """Object frame of the window before from this one's: turned by their common frames, shifted by their common tracks.
+
+    The shape of a far cloud is that of its depth noise. Laid on one another, such clouds turn: over the oncoming scene
+    by 43 degrees, by the poses of the common frames 2.
+    """
+    _, old, new = np.intersect1d(before.frames, window.frames, assume_unique=True, return_indices=True)
+    _, known, still = np.intersect1d(before.track, window.track, assume_unique=True, return_indices=True)
+    if len(new) == 0 or len(still) < MIN_POINTS:
+        return None
+    R = Rotation.from_matrix(_transposed(before.T_co.R[old]) @ window.T_co.R[new]).mean().as_matrix()
+    return Pose(R, before.X_o[known].mean(axis=0) - R @ window.X_o[still].mean(axis=0))
 
 
 def _across(T_wo: Pose, links: list[Pose | None], centre: Array, t_s: Array) -> tuple[Array, Array]:

@@ -115,6 +115,17 @@ def in_frame(w: WindowEstimate, T_no: Pose) -> WindowEstimate:
     return replace(w, T_co=w.T_co @ T_no.inv(), X_o=T_no.apply(w.X_o))
 
 
+def test_another_shape_is_no_turn() -> None:
+    """A window that sees the points elsewhere, in the same poses: laid on one another, the clouds would turn."""
+    windows = [window(circling(0.6), STANDING, f) for f in WINDOWS]
+    noise = np.random.default_rng(1).normal(0, 1.0, X_V.shape)
+    changed = replace(windows[2], X_o=windows[2].X_o + noise - noise.mean(axis=0))
+    before, after = (interpret([*windows[:2], w, windows[3]], T_S, None) for w in (windows[2], changed))
+    np.testing.assert_allclose(after.across.omega, before.across.omega, atol=1e-9)
+    np.testing.assert_allclose(after.across.velocity, before.across.velocity, atol=1e-9)
+    np.testing.assert_allclose(after.R_of, before.R_of, atol=1e-9)
+
+
 def test_a_missing_window_makes_the_step_across_longer() -> None:
     T_wv = circling(0.6)
     i = interpret([window(T_wv, STANDING, np.arange(3)), window(T_wv, STANDING, np.arange(5))], T_S, None)
