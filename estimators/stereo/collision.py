@@ -2,7 +2,8 @@
 
 All in the ground plane of the frame e of `vehicle`: x left, z forward. The outline is the convex hull of the adjusted
 points; they move on by the relative motion of the last two frames, at constant speed and yaw rate (a constant twist, on
-which the choice of a reference point has no influence). Our own vehicle is a rectangle.
+which the choice of a reference point has no influence); a yaw rate that its stated covariance cannot tell from none, as
+all are far away, counts as none. Our own vehicle is a rectangle.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from sim.pose import Pose, exp_so3, log_so3
 
 Array = np.ndarray
 _STEP_S = 0.02
+# 99 % of the chi-square distribution with one degree of freedom.
+_TURNS = 6.63
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,11 @@ def _hull_and_twist(window: WindowEstimate, t_s: Array, T_ec: Pose) -> tuple[Arr
     last = window.frames[-2:]
     T_eo = T_ec[last] @ window.T_co[-2:]
     dt = t_s[last[1]] - t_s[last[0]]
-    turn = exp_so3(np.array([0, log_so3(T_eo.R[1] @ T_eo.R[0].T)[1], 0]))
+    angle = log_so3(T_eo.R[1] @ T_eo.R[0].T)[1]
+    up = T_ec.R[last[1]][1]
+    if (angle / dt) ** 2 < _TURNS * (up @ window.cov[9:, 9:] @ up):
+        angle = 0.0
+    turn = exp_so3(np.array([0, angle, 0]))
     old, new = T_eo.apply(window.X_o.mean(axis=0)[None]) * [1, 0, 1]
     xi = Pose(turn, new - turn @ old).log() / dt
     points = T_eo[1].apply(window.X_o)[:, [0, 2]]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -22,7 +24,7 @@ def window(R_c: Array, T_c: Array, X: Array = BOX) -> WindowEstimate:
     T_vo = Pose(exp_so3(np.array([0.4, -1.0, 2.0])), np.array([1.0, 0.3, 0.5]))
     T_co = Pose(np.broadcast_to(R_c, (3, 3, 3)), T_c) @ T_vo
     n = len(X)
-    return WindowEstimate(np.arange(3), T_co, np.arange(n), T_vo.inv().apply(X), np.eye(12), 1.0, 1, 1, 1.0)
+    return WindowEstimate(np.arange(3), T_co, np.arange(n), T_vo.inv().apply(X), 1e-6 * np.eye(12), 1.0, 1, 1, 1.0)
 
 
 def driving(place: tuple[float, float], velocity: tuple[float, float], turned: float = 0.0) -> WindowEstimate:
@@ -118,6 +120,16 @@ def test_approach_on_a_circle(rate: float, ego_at: tuple[float, float]) -> None:
     else:
         assert distance.min() == pytest.approx(found.distance_m, abs=0.01)
         assert time_s[np.argmin(distance)] == pytest.approx(found.time_s, abs=0.05)
+
+
+def test_a_doubtful_turn_is_none() -> None:
+    """0.5 rad/s counts from a standard deviation of 0.5 / 2.575 on; else all corners move as the centroid does."""
+    w = circling(0.5)
+    for sigma, turns in ((0.193, True), (0.196, False)):
+        velocity = outline(replace(w, cov=sigma**2 * np.eye(12)), T_S, T_EC).velocity
+        assert (np.ptp(velocity, axis=0).max() > 1) == turns
+    centre = w.T_co[-2:].apply(w.X_o.mean(axis=0)[None])
+    np.testing.assert_allclose(velocity, [(centre[1] - centre[0])[[0, 2]] / 0.06 * [-1, 1]] * 4, atol=1e-9)
 
 
 def test_relative_to_a_camera_that_drives_and_turns() -> None:
