@@ -50,8 +50,12 @@ DECREMENT, UPDATE, RELATIVE_UPDATE = range(3)
 _TRIES = 14
 # Weights that follow the points need not lead to a fixed point where outliers rule; after so many iterations they stay.
 _REWEIGHTED = 20
-# At rough start values Newton's curvature belongs to residuals that one linear step takes away: it misleads.
-_GAUSS_NEWTON_STEPS = 3
+# At rough start values Newton's curvature belongs to residuals that one linear step takes away: it misleads where the
+# last step's decrement was a larger part of the cost.
+_NEWTON = 0.01
+# A matrix serves further steps where the decrement of the last one was below, one standard deviation in all, and as
+# long as each makes the decrement this part of the last.
+_NEAR, _WORTH = 1.0, 0.1
 # Below, a pivot of a matrix with unit diagonal may be rounding.
 _PIVOT = 1e-13
 
@@ -122,7 +126,15 @@ def layout(frame: Array, point: Array, m: int, n: int) -> Tiles:
     for k in range(len(frame)):
         first[point[k]] = min(first[point[k]], frame[k])
         last[point[k]] = max(last[point[k]], frame[k])
-    order = np.argsort(first * (m + 1) + last, kind="mergesort")
+    count = np.zeros((m + 1) * (m + 1) + 1, np.int64)
+    for i in range(n):
+        count[first[i] * (m + 1) + last[i] + 2] += 1
+    count = np.cumsum(count)
+    order = np.empty(n, np.int64)
+    for i in range(n):
+        key = first[i] * (m + 1) + last[i] + 1
+        order[count[key]] = i
+        count[key] += 1
     q = (n + LANES - 1) // LANES
     start, tile_first = np.zeros(q + 1, np.int64), np.zeros(q, np.int64)
     unused, lane = np.ones(q * LANES), np.empty(n, np.int64)
@@ -160,26 +172,24 @@ def fill_fixed(tiles: Tiles, observed: Array, W: Array) -> None:
 def fill_seen(tiles: Tiles, l: Array, W_uv: Array, K: Array) -> None:
     """Points l (k, 3) and the weights of their image coordinates W_uv (k, 4, 4) [1/px²], brought to the ideal camera
     by the calibration matrices K (2, 2, 2)."""
-    W = np.empty((4, 4))
     for i in range(2, len(tiles.seen) // LANES, SEEN):
         tiles.seen[i * LANES : (i + 1) * LANES] = 1.0  # unseen points must not divide by zero
+    a0, a1, a2 = K[0, 0, 0], K[0, 0, 1], K[0, 1, 1]
+    b0, b1, b2 = K[1, 0, 0], K[1, 0, 1], K[1, 1, 1]
     for k in range(len(l)):
-        for a in range(4):
-            for s in range(2):
-                u, v = W_uv[k, a, 2 * s], W_uv[k, a, 2 * s + 1]
-                W[a, 2 * s], W[a, 2 * s + 1] = u * K[s, 0, 0], u * K[s, 0, 1] + v * K[s, 1, 1]
-        for b in range(4):
-            for s in range(2):
-                u, v = W[2 * s, b], W[2 * s + 1, b]
-                W[2 * s, b], W[2 * s + 1, b] = u * K[s, 0, 0], u * K[s, 0, 1] + v * K[s, 1, 1]
-        o = tiles.slot[k] // LANES * SEEN * LANES + tiles.slot[k] % LANES
-        for a in range(3):
-            tiles.seen[o + a * LANES] = l[k, a]
-        c = 3
-        for a in range(4):
-            for b in range(a, 4):
-                tiles.seen[o + c * LANES] = W[a, b]
-                c += 1
+        W, s = W_uv[k], tiles.seen[tiles.slot[k] // LANES * SEEN * LANES + tiles.slot[k] % LANES :]
+        s[0], s[LANES], s[2 * LANES] = l[k, 0], l[k, 1], l[k, 2]
+        # Second column of the left half, both of the right half, turned by K of the right camera.
+        u11, u01 = a1 * W[0, 1] + a2 * W[1, 1], a1 * W[0, 0] + a2 * W[0, 1]
+        u02, u03 = b0 * W[0, 2], b1 * W[0, 2] + b2 * W[0, 3]
+        u12, u13 = b0 * W[1, 2], b1 * W[1, 2] + b2 * W[1, 3]
+        u22, u23 = b0 * W[2, 2], b1 * W[2, 2] + b2 * W[2, 3]
+        u33 = b1 * W[2, 3] + b2 * W[3, 3]
+        s[3 * LANES], s[4 * LANES] = a0 * a0 * W[0, 0], a0 * u01
+        s[5 * LANES], s[6 * LANES] = a0 * u02, a0 * u03
+        s[7 * LANES] = a1 * u01 + a2 * u11
+        s[8 * LANES], s[9 * LANES] = a1 * u02 + a2 * u12, a1 * u03 + a2 * u13
+        s[10 * LANES], s[11 * LANES], s[12 * LANES] = b0 * u22, b0 * u23, b1 * u23 + b2 * u33
 
 
 @compiled
@@ -570,9 +580,12 @@ def reduced_system(
             high = max(high, _end(tiles, q))
         _share(tiles, a, b, low, high, R, T, X, factor, bend, sums, Z)
         _subtract(tiles, a, b, low, high, Z, S)
-    rhs, scale = np.empty(6 * m), np.empty(6 * m)
+    rhs, scale, s = np.empty(6 * m), np.empty(6 * m), np.empty(_SUMS)
     for t in range(m):
-        s = sums[t * _SUMS * LANES : (t + 1) * _SUMS * LANES].reshape(_SUMS, LANES).sum(axis=1)
+        for c in range(_SUMS):
+            s[c] = 0.0
+            for j in range(LANES):
+                s[c] += sums[(t * _SUMS + c) * LANES + j]
         o, c = 6 * t, 0
         for a in range(3):
             for b in range(3):
@@ -592,14 +605,49 @@ def reduced_system(
 
 @compiled
 @no_type_check
-def _rotation(r: Array) -> Array:
-    """exp of a rotation vector (3,), by series near zero."""
-    a2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
+def right_side(tiles: Tiles, R: Array, T: Array, X: Array) -> Array:
+    """The right side (6m,) of `reduced_system` alone."""
+    sums = np.zeros(6 * len(R) * LANES)
+    for q in range(len(tiles.first)):
+        for cell in range(tiles.start[q], tiles.start[q + 1]):
+            t = tiles.first[q] + cell - tiles.start[q]
+            r00, r01, r02, r10, r11, r12, r20, r21, r22 = R[t].flat
+            T0, T1, T2 = T[t]
+            x, f, total = rows(X, _POINT, q), rows(tiles.fit, FIT, cell), rows(sums, 6, t)
+            for j in range(LANES):
+                X0, X1, X2 = x[j], x[LANES + j], x[2 * LANES + j]
+                W01, W02, W12 = f[4 * LANES + j], f[5 * LANES + j], f[7 * LANES + j]
+                a0 = r00 * X0 + r01 * X1 + r02 * X2
+                a1 = r10 * X0 + r11 * X1 + r12 * X2
+                a2 = r20 * X0 + r21 * X1 + r22 * X2
+                v0, v1, v2 = a0 + T0 - f[j], a1 + T1 - f[LANES + j], a2 + T2 - f[2 * LANES + j]
+                g0 = f[3 * LANES + j] * v0 + W01 * v1 + W02 * v2
+                g1 = W01 * v0 + f[6 * LANES + j] * v1 + W12 * v2
+                g2 = W02 * v0 + W12 * v1 + f[8 * LANES + j] * v2
+                total[j] += a2 * g1 - a1 * g2
+                total[LANES + j] += a0 * g2 - a2 * g0
+                total[2 * LANES + j] += a1 * g0 - a0 * g1
+                total[3 * LANES + j] -= g0
+                total[4 * LANES + j] -= g1
+                total[5 * LANES + j] -= g2
+    return sums.reshape(6 * len(R), LANES).sum(axis=1)
+
+
+@compiled
+@no_type_check
+def _turn(a2: float) -> tuple[float, float]:
+    """sin(a) / a and (1 - cos(a)) / a² from a², by series near zero."""
     if a2 < 1e-8:
-        s, c = 1.0 - a2 / 6.0, 0.5 - a2 / 24.0
-    else:
-        a = np.sqrt(a2)
-        s, c = np.sin(a) / a, 2.0 * np.sin(a / 2.0) ** 2 / a2
+        return 1.0 - a2 / 6.0, 0.5 - a2 / 24.0
+    a = np.sqrt(a2)
+    return np.sin(a) / a, 2.0 * np.sin(a / 2.0) ** 2 / a2
+
+
+@compiled
+@no_type_check
+def _rotation(r: Array) -> Array:
+    """exp of a rotation vector (3,)."""
+    s, c = _turn(r[0] * r[0] + r[1] * r[1] + r[2] * r[2])
     S = _hat(r)
     return np.eye(3) + s * S + c * (S @ S)
 
@@ -762,31 +810,64 @@ def _add_known(terms: Terms, P: Array, weight: float, R: Array, T: Array, S: Arr
 
 @compiled
 @no_type_check
+def _move(R: Array, T: Array, dp: Array, R_new: Array, T_new: Array) -> None:
+    """Writes the poses moved by dp (6m,): exp(dr) R, column by column, and T + dT."""
+    for t in range(len(R)):
+        r0, r1, r2, T0, T1, T2 = dp[6 * t : 6 * t + 6]
+        a2 = r0 * r0 + r1 * r1 + r2 * r2
+        s, c = _turn(a2)
+        for k in range(3):
+            x0, x1, x2 = R[t, 0, k], R[t, 1, k], R[t, 2, k]
+            y0, y1, y2 = r1 * x2 - r2 * x1, r2 * x0 - r0 * x2, r0 * x1 - r1 * x0
+            R_new[t, 0, k] = x0 + s * y0 + c * (r1 * y2 - r2 * y1)
+            R_new[t, 1, k] = x1 + s * y1 + c * (r2 * y0 - r0 * y2)
+            R_new[t, 2, k] = x2 + s * y2 + c * (r0 * y1 - r1 * y0)
+        T_new[t, 0], T_new[t, 1], T_new[t, 2] = T[t, 0] + T0, T[t, 1] + T1, T[t, 2] + T2
+
+
+@compiled
+@no_type_check
 def _datum(terms: Terms, R: Array) -> Array:
     """Allowed pose changes that only move the object frame, (6m, g)."""
-    G = np.zeros((6 * len(R), terms.datum.shape[1]))
-    for t in range(len(R)):
-        G[6 * t : 6 * t + 3] = R[t] @ terms.datum[:3]
-        G[6 * t + 3 : 6 * t + 6] = R[t] @ terms.datum[3:]
+    G = np.empty((6 * len(R), terms.datum.shape[1]))
+    for row in range(len(G)):
+        t, half, a = row // 6, row % 6 // 3 * 3, row % 3
+        for k in range(G.shape[1]):
+            G[row, k] = 0.0
+            for b in range(3):
+                G[row, k] += R[t, a, b] * terms.datum[half + b, k]
     return G
 
 
 @compiled
 @no_type_check
-def _without_datum(S: Array, scale: Array, G: Array) -> tuple[Array, Array]:
-    """P S P + G G' in units of ``scale`` and the null space G (p, g) made orthonormal; P projects onto its complement.
+def _orthonormal(G: Array) -> None:
+    """Makes the columns orthonormal: Gram-Schmidt, twice."""
+    for _ in range(2):
+        for k in range(G.shape[1]):
+            for i in range(k + 1):
+                product = 0.0
+                for row in range(len(G)):
+                    product += G[row, i] * G[row, k]
+                for row in range(len(G)):
+                    G[row, k] = G[row, k] - product * G[row, i] if i < k else G[row, k] / np.sqrt(product)
+
+
+@compiled
+@no_type_check
+def _without_datum(S: Array, scale: Array, G: Array) -> Array:
+    """P S P + G G' in units of ``scale``; P projects onto the complement of the null space G (p, g), orthonormal there.
 
     The changes that only move the object frame get eigenvalues of one: no estimable quantity depends on them.
     """
-    G = G * scale.reshape(-1, 1)
-    root = np.linalg.inv(np.linalg.cholesky(G.T @ G))
-    G = np.dot(G, root.T)
-    inverse = 1.0 / scale
-    M = S * inverse * inverse.reshape(-1, 1)
+    M, inverse = np.empty_like(S), 1.0 / scale
+    for a in range(len(S)):
+        for b in range(len(S)):
+            M[a, b] = S[a, b] * inverse[a] * inverse[b]
     SG = np.dot(M, G)
     B = SG - np.dot(G, 0.5 * (np.dot(G.T, SG) + np.eye(G.shape[1])))
-    GB = np.dot(G, B.T)
-    return M - GB - GB.T, G
+    M -= np.dot(np.concatenate((G, B), axis=1), np.concatenate((B, G), axis=1).T)
+    return M
 
 
 @compiled
@@ -804,21 +885,40 @@ def _system(
         scale = np.sqrt(np.dot(F * F, scale * scale))
     if not scale.min() > 0.0:
         return S, rhs, G, scale
-    M, G = _without_datum(S, scale, G)
-    b = rhs / scale
+    G = G * scale.reshape(-1, 1)
+    _orthonormal(G)
+    M, b = _without_datum(S, scale, G), rhs / scale
     # What is known may hold the object frame itself; its place is the start's all the same.
     return M, b - np.dot(G, np.dot(G.T, b)), G, scale
 
 
 @compiled
 @no_type_check
-def _cholesky(M: Array, damping: float) -> tuple[Array, bool]:
-    """Lower factor of M + damping I, and whether M is positive definite beyond rounding."""
+def _right_side(
+    tiles: Tiles, terms: Terms, P: Array, weight: float, R: Array, T: Array, X: Array, G: Array, scale: Array
+) -> Array:
+    """The right side of `_system` alone, with the null space and the scale of an earlier one."""
+    rhs = right_side(tiles, R, T, X)
+    if len(P) > 0 or weight > 0.0:
+        _add_known(terms, P, weight, R, T, np.zeros((len(rhs), len(rhs))), rhs, np.zeros(len(rhs)))
+    if terms.free.size > 0:
+        rhs = np.dot(np.ascontiguousarray(terms.free.T), rhs)
+    b = rhs / scale
+    return b - np.dot(G, np.dot(G.T, b))
+
+
+@compiled
+@no_type_check
+def _cholesky(M: Array) -> Array:
+    """Lower factor of M; empty where M is not positive definite beyond rounding."""
     try:
-        L = np.linalg.cholesky(M + damping * np.eye(len(M)))
+        L = np.linalg.cholesky(M)
     except Exception:  # numba knows no other
-        return M, False
-    return L, np.diag(L).min() ** 2 > _PIVOT
+        return np.empty((0, 0))
+    for i in range(len(L)):
+        if not L[i, i] ** 2 > _PIVOT:
+            return np.empty((0, 0))
+    return L
 
 
 @compiled
@@ -837,12 +937,11 @@ def _substitute(L: Array, b: Array) -> Array:
 
 @compiled
 @no_type_check
-def _step(M: Array, b: Array, damping: float) -> Array:
-    """Solution with the eigenvalues |lambda| + damping: downhill whatever their sign."""
-    L, positive = _cholesky(M, 0.0)
-    if positive and damping > 0.0:
-        L, positive = _cholesky(M, damping)
-    if positive:
+def _step(M: Array, L: Array, b: Array, damping: float) -> Array:
+    """Solution with the eigenvalues |lambda| + damping of M: downhill whatever their sign. L is M's factor or empty."""
+    if len(L) > 0 and damping > 0.0:
+        L = _cholesky(M + damping * np.eye(len(M)))
+    if len(L) > 0:
         return _substitute(L, b)
     values, V = np.linalg.eigh(M)
     return np.dot(V, np.dot(V.T, b) / (np.abs(values) + damping))
@@ -869,8 +968,11 @@ def descend(
     follows: the weights are evaluated at the current points, X in lanes: (tile * 3 + axis) * LANES + lane.
     """
     factor = np.empty(2 * len(X))
-    damping, cost = 0.0, 0.0
+    damping, cost, decrement = 0.0, 0.0, np.inf
     P, weight = terms.P, max(terms.axis_weight, 0.0)
+    R_new, T_new = np.empty_like(R), np.empty_like(T)
+    M = L = G = np.empty((0, 0))
+    b = x = scale = np.empty(0)
     for iteration in range(1, max_iterations + 1):
         if iteration <= _REWEIGHTED:
             if follows:
@@ -883,36 +985,43 @@ def descend(
         if np.isnan(cost):
             return UNDETERMINED_TRACK, iteration, cost
         cost += _known_cost(terms, P, weight, R, T)
-        M, b, _, scale = _system(tiles, terms, P, weight, R, T, X, factor, iteration > _GAUSS_NEWTON_STEPS)
-        if not scale.min() > 0.0:
-            return UNOBSERVED_POSE, iteration, cost
-        R_new, T_new, cost_new = np.empty_like(R), np.empty_like(T), np.nan
+        kept = len(L) > 0 and damping == 0.0 and decrement < _NEAR
+        if kept:
+            b = _right_side(tiles, terms, P, weight, R, T, X, G, scale)
+            x = _substitute(L, b)
+            kept = np.dot(b, x) < _WORTH * decrement
+        if not kept:
+            M, b, G, scale = _system(tiles, terms, P, weight, R, T, X, factor, decrement < _NEWTON * cost)
+            if not scale.min() > 0.0:
+                return UNOBSERVED_POSE, iteration, cost
+            L = _cholesky(M)
+            x = _step(M, L, b, damping)
         for _ in range(_TRIES):
-            x = _step(M, b, damping)
             dp = x / scale
             if terms.free.size > 0:
                 dp = np.dot(terms.free, dp)
-            for t in range(len(R)):
-                R_new[t] = np.dot(_rotation(dp[6 * t : 6 * t + 3]), R[t])
-                T_new[t] = T[t] + dp[6 * t + 3 : 6 * t + 6]
+            _move(R, T, dp, R_new, T_new)
             cost_new = best_points(tiles, R_new, T_new, X, factor) + _known_cost(terms, P, weight, R_new, T_new)
             if cost_new <= cost * (1.0 + 1e-12) + 1e-12:
                 break
             damping = max(10.0 * damping, 1e-6)
+            x = _step(M, L, b, damping)
         else:
             return STUCK, iteration, cost
         R[:], T[:], cost = R_new, T_new, cost_new
+        decrement = np.dot(b, x)
         if damping > 1e-7:
             damping /= 10.0
             continue
         if damping > 0.0:
-            damping, x = 0.0, _step(M, b, 0.0)
-        change = np.dot(b, x)
+            damping, x = 0.0, _step(M, L, b, 0.0)
+            decrement = np.dot(b, x)
+        change = decrement
         if stop == UPDATE:
             change = np.abs(dp).max()
         elif stop == RELATIVE_UPDATE:
-            M, _, G, _ = _system(tiles, terms, P, weight, R, T, X, factor, False)
-            change = np.max(np.abs(x) / np.sqrt(np.diag(np.linalg.inv(M)) - np.sum(G * G, axis=1)))
+            N, _, H, _ = _system(tiles, terms, P, weight, R, T, X, factor, False)
+            change = np.max(np.abs(x) / np.sqrt(np.diag(np.linalg.inv(N)) - np.sum(H * H, axis=1)))
         if change < tolerance:
             return CONVERGED, iteration, cost
     return EXHAUSTED, max_iterations, cost

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.gauss_markov import inverse_spd, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.gauss_markov import Spectrum, inverse_spd, normal_blocks, reduce_points, spectrum, sum_by
 from estimators.stereo.depth_bias import Weights, observation_model
 from estimators.stereo.initial_values import from_cloud
 from estimators.stereo.kernel import (
@@ -22,6 +22,7 @@ from estimators.stereo.kernel import (
     points_of,
     reduced_system,
     reweight,
+    right_side,
     weights_of,
 )
 from estimators.stereo.object_motion import Problem, adjust, design, null_space, points_by_mean
@@ -92,13 +93,15 @@ def system(problem: Problem, R: Array, T: Array, X: Array, observed: Array, W: A
 
 def reference(problem: Problem, R: Array, T: Array, tolerance: float) -> tuple[float, Array, Array, Array, int]:
     """`object_motion.adjust` with whole arrays; cost, R, T, X and iterations."""
-    X, damping = points_by_mean(problem, R, T), 0.0
+    X, damping, decrement = points_by_mean(problem, R, T), 0.0, np.inf
+    last = Spectrum(np.zeros(1), np.zeros((6 * problem.m, 1)), np.ones(6 * problem.m))
     for iteration in range(1, 51):
         if iteration <= 20:
             observed, W = problem.model(camera_points(problem, R, T, X))
         cost, X = cost_of(problem, R, T, observed, W)
-        S, rhs, scale = system(problem, R, T, X, observed, W, iteration > 3)
-        s = spectrum(S, scale, null_space(R))
+        S, rhs, scale = system(problem, R, T, X, observed, W, decrement < 0.01 * cost)
+        kept = damping == 0.0 and decrement < 1.0 and last.values[0] > 0.0 and rhs @ last.solve(rhs) < 0.1 * decrement
+        s = last if kept else spectrum(S, scale, null_space(R))
         while True:
             dp = s.solve(rhs, damping).reshape(-1, 6)
             R_new, T_new = exp_so3(dp[:, :3]) @ R, T + dp[:, 3:]
@@ -107,8 +110,9 @@ def reference(problem: Problem, R: Array, T: Array, tolerance: float) -> tuple[f
                 break
             damping = max(10 * damping, 1e-6)
         damping = damping / 10 if damping > 1e-7 else 0.0
-        R, T, X = R_new, T_new, X_new
-        if damping == 0.0 and rhs @ s.solve(rhs) < tolerance:
+        R, T, X, last = R_new, T_new, X_new, s
+        decrement = rhs @ (s.solve(rhs) if damping == 0.0 else dp.ravel())
+        if damping == 0.0 and decrement < tolerance:
             return cost_new, R, T, X, iteration
     raise AssertionError("no convergence")
 
@@ -181,6 +185,7 @@ def test_one_pass_is_the_reduced_system(scene: Any, weights: Weights, newton: bo
     np.testing.assert_allclose(scale, scale_ref, rtol=1e-12)
     np.testing.assert_allclose(S / np.outer(scale, scale), S_ref / np.outer(scale, scale), atol=1e-10)
     np.testing.assert_allclose(rhs, rhs_ref, atol=1e-8 * np.abs(rhs_ref).max())
+    np.testing.assert_allclose(right_side(tiles, R, T, X), rhs, atol=1e-12 * np.abs(rhs_ref).max())
 
 
 def test_gradient_and_curvature_of_the_cost(make_scene: Maker) -> None:
