@@ -14,7 +14,8 @@ from estimators.gauss_markov import SingularSystem
 from estimators.stereo import initial_values, windows
 from estimators.stereo.conditions import Conditions, of_window
 from estimators.stereo.configuration import Configuration
-from estimators.stereo.datum import choose_three, in_frame, three_point_frame
+from estimators.stereo.datum import carried_frame, choose_three, in_frame, three_point_frame
+from estimators.stereo.degeneracy import require_shape
 from estimators.stereo.depth_bias import observation_model
 from estimators.stereo.image_space import ImageProblem, adjust_images
 from estimators.stereo.object_motion import (
@@ -23,7 +24,6 @@ from estimators.stereo.object_motion import (
     adjust,
     align,
     motion_covariance,
-    points_by_mean,
     redundancy,
 )
 from estimators.stereo.outliers import DETECTORS, PriorKnowledge, select_points
@@ -39,6 +39,9 @@ Known = Callable[..., tuple[Poses, Conditions | None]]
 # A well-determined window started from its predecessor takes no more iterations; standard deviations a cost may exceed
 # its expectation by before other starts are tried.
 _EASY, _SURPRISE = 6, 1.5
+# Starts that together find the least reprojection error most often; see benchmarks/start_values.py.
+_BEST_AXES: tuple[initial_values.Axes, ...] = ("unrotated", "principal_axes_xz")
+_TURN_RADPS = 0.3
 _HINTS = ("too few or collinear tracks", "outliers among the tracks")
 
 
@@ -141,7 +144,7 @@ def adjust_window(
     T_wc = None if observations.T_wc is None else observations.T_wc[frames]
     known = functools.partial(of_window, config.smoothing, config.rotation_axis, observations.t_s[frames], T_wc)
     try:
-        good, inlier, second, fit = _Adjustment(config, known, previous).robust(w, observations.t_s)
+        good, inlier, second, fit = _Adjustment(config, known, previous, observations.t_s[frames]).robust(w)
         result = _finished(config, good, fit, observations.t_s, previous)
         return replace(result, rejected=w.track[~inlier], second_group=w.track[second])
     except SingularSystem as error:
@@ -150,13 +153,14 @@ def adjust_window(
 
 @dataclass(frozen=True, eq=False)
 class _Adjustment:
-    """How a window is adjusted: options, conditions that belong to a start, and the window before."""
+    """How a window is adjusted: options, conditions that belong to a start, the window before, times of its frames."""
 
     config: Configuration
     known: Known
     previous: WindowEstimate | None
+    t_s: Float[Array, "m"]
 
-    def robust(self, w: _Window, t_s: Array) -> tuple[_Window, Array, Array, _Fit]:
+    def robust(self, w: _Window) -> tuple[_Window, Array, Array, _Fit]:
         """The window of the good tracks, which (n,) those are, which of the others form a second group, and the fit."""
         c = self.config
         inlier, second = np.ones(len(w.track), bool), np.zeros(len(w.track), bool)
@@ -164,7 +168,7 @@ class _Adjustment:
             cov = np.linalg.inv(w.points.W_uv)
             inlier = PriorKnowledge(c.extent_m)(w.points.rig, cov, w.problem.frame, w.problem.point, w.problem.l)
         near = w.without(inlier)
-        fit = self.best(near, _propagated(t_s, w.frames, self.previous))
+        fit = self.best(near, self._propagated(w.frames))
         good = near
         if c.outliers != "none":
             verdict = DETECTORS[c.outliers](near.problem, fit.start, self.solve)
@@ -199,6 +203,10 @@ class _Adjustment:
         images = w.images if len(found) > 1 else None
         return found[0] if images is None else min(found, key=lambda fit: images.cost(*fit.motion))
 
+    def _propagated(self, frames: Array) -> Poses | None:
+        last = self.previous
+        return last and initial_values.propagated_poses(last.frames, last.T_co.R, last.T_co.t, frames, self.t_s)
+
     def _attempt(self, w: _Window, start: Poses, tied: int) -> _Fit | SingularSystem:
         try:
             start, conditions = self.known(start, tied)
@@ -219,20 +227,25 @@ class _Adjustment:
         return _Fit(start, conditions, s, redundancy(problem, conditions, (s.R, s.T)))
 
     def _cloud_starts(self, p: Problem) -> Iterator[Poses]:
-        if self.config.initial in ("best", "shared_tracks"):
+        initial = self.config.initial
+        if initial == "shared_tracks":
             yield initial_values.from_shared_tracks(p.frame, p.point, p.l, p.m)
-        if self.config.initial == "best":
-            yield initial_values.from_alignment(p.frame, p.point, p.l, p.m)
-        if self.config.initial != "shared_tracks":
-            axes = "principal_axes_xz" if self.config.initial == "best" else self.config.initial
+            return
+        if initial != "best":
+            yield initial_values.from_cloud(p.frame, p.l, p.m, initial)
+            return
+        for axes in _BEST_AXES:
             yield initial_values.from_cloud(p.frame, p.l, p.m, axes)
+        for yaw_rate in (_TURN_RADPS, -_TURN_RADPS):
+            yield initial_values.from_turn(p.frame, p.l, self.t_s, yaw_rate)
+        yield initial_values.from_alignment(p.frame, p.point, p.l, p.m)
 
     def _points(self, w: _Window, start: Poses) -> Array | None:
         """Start values of the points; None for the mean, which the adjustment takes by itself."""
         if self.config.points == "mean":
             return None
         p, last = w.problem, self.previous
-        X = initial_values.points_from_cloud(p.frame, p.point, p.l, *start, p.n)
+        X = initial_values.points_from_cloud(p.frame, p.point, p.l, *start, p.n, "median")
         if self.config.points == "median" or last is None:
             return X
         return initial_values.propagated_points(w.track, X, last.track, last.X_o)
@@ -249,6 +262,8 @@ def _finished(
 ) -> WindowEstimate:
     """The solution with its covariance, in its datum."""
     s, p = fit.solution, w.problem
+    if fit.conditions is None:
+        require_shape(p.frame, p.point, s.R, s.X, s.W)
     Q, shift, three = _frame(config, w, fit, previous)
     R, T, X = in_frame(s.R, s.T, s.X, Q, shift)
     dt_s = t_s[w.frames[-1]] - t_s[w.frames[-2]]
@@ -271,7 +286,7 @@ def _frame(
 ) -> tuple[Array, Array, Int[Array, "d"]]:
     """Rotation and shift into the object frame, and the tracks that define it where three do.
 
-    The inner datum is that of the points the last window knew, else of the start values; tied frames hold it
+    The inner datum is that of the frames and points the last window knew, else of the start values; tied frames hold it
     themselves. Three points hold it while all of them are seen; others then put it where they lie.
     """
     s, none = fit.solution, np.empty(0, int)
@@ -285,24 +300,8 @@ def _frame(
     if fit.tied:
         return np.eye(3), np.zeros(3), none
     if previous is not None:
-        _, old, new = np.intersect1d(previous.track, w.track, return_indices=True)
-        if len(new) >= windows.MIN_POINTS:
-            return *align(s.X[new], previous.X_o[old]), none
-    return *align(s.X, points_by_mean(w.problem, *fit.start)), none
-
-
-def _propagated(t_s: Array, frames: Array, previous: WindowEstimate | None) -> Poses | None:
-    """Poses of the last window, the newest one extrapolated; None where it does not hold all others (3.7.1.2)."""
-    if previous is None:
-        return None
-    known, old, new = np.intersect1d(previous.frames, frames, return_indices=True)
-    if len(known) < 2 or len(frames) - len(known) > 1:
-        return None
-    R, T = np.empty((len(frames), 3, 3)), np.empty((len(frames), 3))
-    R[new], T[new] = previous.T_co.R[old], previous.T_co.t[old]
-    if len(known) < len(frames):
-        last = old[-2:]
-        R[-1], T[-1] = initial_values.extrapolate(
-            previous.T_co.R[last], previous.T_co.t[last], t_s[known[-2:]], float(t_s[frames[-1]])
-        )
-    return R, T
+        _, old, new = np.intersect1d(previous.frames, w.frames, return_indices=True)
+        _, known, still = np.intersect1d(previous.track, w.track, return_indices=True)
+        if len(new) and len(still) >= windows.MIN_POINTS:
+            return *carried_frame(previous.T_co.R[old], s.R[new], previous.X_o[known], s.X[still]), none
+    return *align(s.X, initial_values.points_by_mean(w.problem, *fit.start)), none

@@ -14,6 +14,8 @@ from estimators.stereo.outliers.verdict import Poses, Solve, Verdict, select_poi
 from sim.pose import hat
 
 Array = np.ndarray
+# Sine of the angle below which three points are a line to the computer's precision; noise spreads them wider.
+_FLAT = 1e-6
 
 
 def triple_poses(x: Float[Array, "m 3 3"]) -> tuple[Float[Array, "m 3 3"], Float[Array, "m 3"]]:
@@ -96,9 +98,11 @@ class Ransac:
 
     def _confirmed(self, triple: Array, seen: Array, x: Array, C: Array) -> Array:
         x_3 = x[triple].transpose(1, 0, 2)
-        R, T = triple_poses(x_3)
-        if not np.isfinite(R).all():
+        b, c = x_3[:, 1] - x_3[:, 0], x_3[:, 2] - x_3[:, 0]
+        area = np.linalg.norm(np.cross(b, c), axis=1)
+        if np.any(area <= _FLAT * np.linalg.norm(b, axis=1) * np.linalg.norm(c, axis=1)):
             return np.zeros(len(seen), bool)
+        R, T = triple_poses(x_3)
         J = triple_jacobian(x_3)
         C_OO = sum(J[:, :, 3 * j : 3 * j + 3] @ C[i] @ np.swapaxes(J[:, :, 3 * j : 3 * j + 3], 1, 2)
                    for j, i in enumerate(triple))  # fmt: skip
