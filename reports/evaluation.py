@@ -66,7 +66,8 @@ def evaluate(
         frames = [int(w.frames[-1]) for w in estimate.windows]
         windows = len(estimate.windows) + len(estimate.failures)
         overlap = max((len(w.frames) for w in estimate.windows), default=1)
-        outliers = _outliers(truth, tracks, estimate)
+        counts = outlier_counts(truth, tracks, estimate)[OUTLIER_COLUMNS]
+        outliers = counts if counts.to_numpy().any() else counts.iloc[:0]
         over_ground, runtime_s = estimate.T_wc is not None, estimate.runtime_s
     return Evaluation(
         scenario,
@@ -86,11 +87,11 @@ def evaluate(
     )
 
 
-def _outliers(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> pd.DataFrame:
+def outlier_counts(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> pd.DataFrame:
+    """True, false and missed outliers among the tracks of every window, at the time of its newest frame."""
     rows = []
     for window in estimate.windows:
         wrong = true_outliers(truth, tracks, window)
-        hit = np.isin(window.rejected, wrong).sum()
-        rows.append((int(hit), int(len(window.rejected) - hit), int(len(wrong) - hit)))
-    table = pd.DataFrame(rows, columns=OUTLIER_COLUMNS)
-    return table if table.to_numpy().any() else table.iloc[:0]
+        hit = int(np.isin(window.rejected, wrong).sum())
+        rows.append((float(truth.t_s[window.frames[-1]]), hit, len(window.rejected) - hit, len(wrong) - hit))
+    return pd.DataFrame(rows, columns=["t_s", *OUTLIER_COLUMNS])

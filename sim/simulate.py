@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-from jaxtyping import Float
+from dataclasses import dataclass
 
-from sim.measure import Pool, follow, make_pool, pixel_noise, visibility
+import numpy as np
+from jaxtyping import Bool, Float
+
+from sim.measure import Pool, Rows, follow, make_pool, pixel_noise, visibility
 from sim.noise import Draft, Setting, apply_outliers
 from sim.observations import Observations, Tracks
 from sim.pose import Pose, exp_so3
@@ -18,28 +20,47 @@ Array = np.ndarray
 _OUTLINE_POINTS = 4000
 
 
-def simulate(scenario: Scenario, run: int = 0, world: World | None = None) -> tuple[Observations, Truth]:
-    """Measures the target of a scenario. ``run`` numbers independent repetitions; the world is the same in all.
+@dataclass(frozen=True, eq=False)
+class View:
+    """What there is to measure, the same in every run: points of the target, their noise-free pixels uv (m, p, 4) and
+    whether both cameras see them (m, p), the rows of the tracks."""
+
+    pool: Pool
+    uv: Float[Array, "m p 4"]
+    seen: Bool[Array, "m p"]
+    rows: Rows
+
+
+def look(scenario: Scenario, world: World) -> View:
+    """The view of a scenario's world; of ``measure`` it takes target, points and occlusion."""
+    spec, name = scenario.measure, scenario.target.name
+    pool = make_pool(world.actors[world.target], spec.points, stream(scenario.seed, 0, f"{name}/surface/points"))
+    uv, seen = visibility(world, world.target, pool, spec.occlusion)
+    return View(pool, uv, seen, follow(seen, spec.points))
+
+
+def simulate(
+    scenario: Scenario, run: int = 0, world: World | None = None, view: View | None = None
+) -> tuple[Observations, Truth]:
+    """Measures the target of a scenario. ``run`` numbers independent repetitions; world and view are the same in all.
 
     Raises
         ScenarioError: the target is never visible, or an input file is wrong.
     """
     world = build_world(scenario) if world is None else world
-    pool, draft = _measure(scenario, world, run)
+    view = look(scenario, world) if view is None else view
+    pool, draft = view.pool, _measure(scenario, world, view, run)
     draft = _compact(draft)
     if not len(draft.frame):
         raise ScenarioError(f"measure.target: {scenario.target.name!r} is never visible in both cameras")
     return _observations(scenario, world, draft, run), _truth(scenario, world, pool, draft)
 
 
-def _measure(scenario: Scenario, world: World, run: int) -> tuple[Pool, Draft]:
-    spec, name = scenario.measure, scenario.target.name
-    pool = make_pool(world.actors[world.target], spec.points, stream(scenario.seed, 0, f"{name}/surface/points"))
-    uv, seen = visibility(world, world.target, pool, spec.occlusion)
-    missing = [k for k in spec.missing_frames if k < len(seen)]
-    rows = follow(seen, spec.points)
-    noise = spec.sigma_px * pixel_noise(scenario.seed, run, name, uv.shape[:2])
-    uv_true = uv[rows.frame, rows.point]
+def _measure(scenario: Scenario, world: World, view: View, run: int) -> Draft:
+    spec, name, rows = scenario.measure, scenario.target.name, view.rows
+    missing = [k for k in spec.missing_frames if k < len(view.seen)]
+    noise = spec.sigma_px * pixel_noise(scenario.seed, run, name, view.uv.shape[:2])
+    uv_true = view.uv[rows.frame, rows.point]
     draft = Draft(
         frame=rows.frame,
         track=rows.track,
@@ -49,8 +70,8 @@ def _measure(scenario: Scenario, world: World, run: int) -> tuple[Pool, Draft]:
         kind=np.zeros(len(rows.frame), int),
         keep=~np.isin(rows.frame, missing),
     )
-    setting = Setting(world, uv, seen)
-    return pool, apply_outliers(draft, scenario.outliers, setting, lambda c: stream(scenario.seed, run, f"{name}/{c}"))
+    setting = Setting(world, view.uv, view.seen)
+    return apply_outliers(draft, scenario.outliers, setting, lambda c: stream(scenario.seed, run, f"{name}/{c}"))
 
 
 def _compact(draft: Draft) -> Draft:
