@@ -31,8 +31,8 @@ from scipy.spatial.transform import Rotation
 from estimators.gauss_markov import sum_by
 from estimators.stereo.depth_bias import Weights, observation_model
 from estimators.stereo.image_space import ImageProblem, adjust_images
-from estimators.stereo.initial_values import extrapolate
-from estimators.stereo.object_motion import Problem, Solution, adjust, design, points_by_mean
+from estimators.stereo.initial_values import extrapolate, points_by_mean
+from estimators.stereo.object_motion import Problem, Solution, adjust, design
 from estimators.stereo.triangulation import triangulate
 from sim.camera import Camera, StereoRig
 from sim.pose import exp_so3, left_jacobian, log_so3

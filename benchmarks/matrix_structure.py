@@ -19,7 +19,8 @@ from estimators.bordered import BorderedSystem
 from estimators.stereo.conditions import RotationAxis, Smoothing, of_window
 from estimators.stereo.depth_bias import observation_model
 from estimators.stereo.full_system import about_camera, linearise, weighted
-from estimators.stereo.object_motion import Problem, points_by_mean
+from estimators.stereo.initial_values import points_by_mean
+from estimators.stereo.object_motion import Problem
 from estimators.stereo.triangulation import triangulate
 from reports.figures.structure import MATRICES, structure
 from sim.camera import Camera, StereoRig

@@ -22,6 +22,9 @@ QUANTITIES = {
     "reference_point": "Position of the reference point",
     "centroid_speed": "Speed of the points' centroid, as the estimator says",
     "driving_direction": "Driving direction, as the estimator says",
+    "centroid_speed_across": "Speed of the points' centroid, from window to window",
+    "driving_direction_across": "Driving direction, from window to window",
+    "yaw_rate_across": "Yaw rate, from window to window",
     "shape": "Shape after alignment",
 }
 STATISTICS = ("rms", "crb", "efficiency", "bias", "std", "p95", "max")

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from estimators.gauss_markov import sum_by
-from estimators.stereo.object_motion import align
+from estimators.stereo.object_motion import Problem, align
 from sim.pose import exp_so3, log_so3
 
 Array = np.ndarray
@@ -109,7 +109,7 @@ def points_from_cloud(
     R: Float[Array, "m 3 3"],
     T: Float[Array, "m 3"],
     n: int,
-    average: Average = "median",
+    average: Average,
 ) -> Float[Array, "n 3"]:
     """Mean or, robust against outliers, median by coordinates of each point's places in the object frame (3.7.13)."""
     Y = np.einsum("kba,kb->ka", R[frame], l - T[frame])
@@ -122,6 +122,11 @@ def points_from_cloud(
         y = Y[np.lexsort((Y[:, a], point)), a]
         X[:, a] = (y[start + (count - 1) // 2] + y[start + count // 2]) / 2
     return X
+
+
+def points_by_mean(problem: Problem, R: Float[Array, "m 3 3"], T: Float[Array, "m 3"]) -> Float[Array, "n 3"]:
+    """Start values of a problem's points: means of the cloud."""
+    return points_from_cloud(problem.frame, problem.point, problem.l, R, T, problem.n, "mean")
 
 
 def propagated_points(
@@ -144,6 +149,27 @@ def has_drifted(X_o: Float[Array, "n 3"], extent_m: float) -> bool:
     object's longest diagonal. The median distance is asked, that a few outliers neither cause nor hide it.
     """
     return bool(np.median(np.linalg.norm(X_o, axis=1)) > extent_m)
+
+
+def propagated_poses(
+    known_frames: Int[Array, "p"],
+    R: Float[Array, "p 3 3"],
+    T: Float[Array, "p 3"],
+    frames: Int[Array, "m"],
+    t_s: Float[Array, "m"],
+) -> tuple[Float[Array, "m 3 3"], Float[Array, "m 3"]] | None:
+    """Poses of the last window's frames, (3.7.7)-(3.7.9), the newest frame extrapolated to its time in t_s.
+
+    None where the last window lacks more than the newest frame.
+    """
+    known, old, new = np.intersect1d(known_frames, frames, return_indices=True)
+    if len(known) < 2 or len(frames) - len(known) > 1:
+        return None
+    R_new, T_new = np.empty((len(frames), 3, 3)), np.empty((len(frames), 3))
+    R_new[new], T_new[new] = R[old], T[old]
+    if len(known) < len(frames):
+        R_new[-1], T_new[-1] = extrapolate(R[old[-2:]], T[old[-2:]], t_s[new[-2:]], float(t_s[-1]))
+    return R_new, T_new
 
 
 def extrapolate(

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Float, Int
 
-from estimators.gauss_markov import Reduced, SingularSystem, normal_blocks, reduce_points, spectrum, sum_by
+from estimators.gauss_markov import Reduced, SingularSystem, normal_blocks, reduce_points, spectrum
 from estimators.stereo.conditions import Conditions, no_terms
 from estimators.stereo.depth_bias import ObservationModel
 from estimators.stereo.kernel import (
@@ -71,12 +71,6 @@ class Solution:
     W: Float[Array, "k 3 3"]
     cost: float
     iterations: int
-
-
-def points_by_mean(problem: Problem, R: Array, T: Array) -> Array:
-    """Start values of the points: mean over the frames of the points in the object frame, (3.7.13)."""
-    X_k = np.einsum("kba,kb->ka", R[problem.frame], problem.l - T[problem.frame])
-    return np.asarray(sum_by(problem.point, X_k, problem.n) / np.bincount(problem.point, minlength=problem.n)[:, None])
 
 
 def design(R_k: Float[Array, "k 3 3"], X_k: Float[Array, "k 3"]) -> Float[Array, "k 3 6"]:

@@ -18,7 +18,8 @@ from estimators.gauss_markov import SingularSystem
 from estimators.stereo.conditions import Conditions
 from estimators.stereo.datum import choose_three
 from estimators.stereo.full_system import Weighted, about_camera, linearise, weighted
-from estimators.stereo.object_motion import Problem, Solution, Stop, points_by_mean
+from estimators.stereo.initial_values import points_by_mean
+from estimators.stereo.object_motion import Problem, Solution, Stop
 from sim.pose import exp_so3
 
 Array = np.ndarray

@@ -12,9 +12,9 @@ from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from estimators.estimate import Interpretation, VehicleMotion, WindowEstimate
+from estimators.stereo.datum import carried_frame
 from estimators.stereo.windows import MIN_POINTS
 from sim.pose import R_WORLD_FROM_LEVEL_CAMERA, Pose, exp_so3, left_jacobian, log_so3
 
@@ -112,17 +112,12 @@ def _heading(velocity: Array, moves: Array) -> Array:
 
 
 def _link(before: WindowEstimate, window: WindowEstimate) -> Pose | None:
-    """Object frame of the window before from this one's: turned by their common frames, shifted by their common tracks.
-
-    The shape of a far cloud is that of its depth noise. Laid on one another, such clouds turn: over the oncoming scene
-    by 43 degrees, by the poses of the common frames 2.
-    """
+    """Object frame of the window before from this one's; None where they share too little."""
     _, old, new = np.intersect1d(before.frames, window.frames, assume_unique=True, return_indices=True)
     _, known, still = np.intersect1d(before.track, window.track, assume_unique=True, return_indices=True)
     if len(new) == 0 or len(still) < MIN_POINTS:
         return None
-    R = Rotation.from_matrix(_transposed(before.T_co.R[old]) @ window.T_co.R[new]).mean().as_matrix()
-    return Pose(R, before.X_o[known].mean(axis=0) - R @ window.X_o[still].mean(axis=0))
+    return Pose(*carried_frame(before.T_co.R[old], window.T_co.R[new], before.X_o[known], window.X_o[still]))
 
 
 def _across(T_wo: Pose, links: list[Pose | None], centre: Array, t_s: Array) -> tuple[Array, Array]:

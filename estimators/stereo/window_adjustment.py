@@ -205,7 +205,9 @@ class _Adjustment:
 
     def _propagated(self, frames: Array) -> Poses | None:
         last = self.previous
-        return last and initial_values.propagated_poses(last.frames, last.T_co.R, last.T_co.t, frames, self.t_s)
+        if last is None:
+            return None
+        return initial_values.propagated_poses(last.frames, last.T_co.R, last.T_co.t, frames, self.t_s)
 
     def _attempt(self, w: _Window, start: Poses, tied: int) -> _Fit | SingularSystem:
         try:

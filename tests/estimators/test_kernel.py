@@ -11,7 +11,7 @@ import pytest
 
 from estimators.gauss_markov import Spectrum, inverse_spd, normal_blocks, reduce_points, spectrum, sum_by
 from estimators.stereo.depth_bias import Weights, observation_model
-from estimators.stereo.initial_values import from_cloud
+from estimators.stereo.initial_values import from_cloud, points_by_mean
 from estimators.stereo.kernel import (
     FIT,
     LANES,
@@ -25,7 +25,7 @@ from estimators.stereo.kernel import (
     right_side,
     weights_of,
 )
-from estimators.stereo.object_motion import Problem, adjust, design, null_space, points_by_mean
+from estimators.stereo.object_motion import Problem, adjust, design, null_space
 from estimators.stereo.triangulation import triangulate, undistorted
 from sim.pose import exp_so3, hat
 

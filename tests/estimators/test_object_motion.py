@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from estimators.gauss_markov import SingularSystem, normal_blocks, reduce_points
 from estimators.stereo.depth_bias import Weights, observation_model
-from estimators.stereo.initial_values import from_cloud
+from estimators.stereo.initial_values import from_cloud, points_by_mean
 from estimators.stereo.object_motion import (
     Problem,
     Stop,
@@ -20,7 +20,6 @@ from estimators.stereo.object_motion import (
     design,
     motion_covariance,
     null_space,
-    points_by_mean,
     redundancy,
 )
 from estimators.stereo.triangulation import triangulate, undistorted

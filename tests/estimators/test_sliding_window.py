@@ -221,7 +221,7 @@ def test_a_configuration_out_of_range_is_refused_by_name(config: dict[str, Any])
 def test_new_start_values_do_not_move_the_object_frame(make_scene: Maker, monkeypatch: pytest.MonkeyPatch) -> None:
     """Where the last window cannot be propagated the poses start from the cloud, but the points known stay in place."""
     scene = make_scene(points=80, frames=20, distance_m=30.0, speed_mps=20.0, yaw_rate=1.0)
-    monkeypatch.setattr("estimators.stereo.window_adjustment._propagated", lambda *_: None)
+    monkeypatch.setattr("estimators.stereo.initial_values.propagated_poses", lambda *_: None)
     result = estimated(scene.observe(0.0, keep=lives(20, 80)), second_order=False, window=5, tolerance=1e-10)
     for a, b in zip(result.windows[:-1], result.windows[1:], strict=True):
         _, old, new = np.intersect1d(a.track, b.track, return_indices=True)

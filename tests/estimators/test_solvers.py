@@ -13,8 +13,8 @@ from estimators.stereo.conditions import RotationAxis, Smoothing, of_window
 from estimators.stereo.datum import choose_three, in_frame, three_point_frame
 from estimators.stereo.depth_bias import Weights, observation_model
 from estimators.stereo.full_system import linearise, weighted
-from estimators.stereo.initial_values import from_cloud
-from estimators.stereo.object_motion import Problem, Solution, Stop, adjust, motion_covariance, points_by_mean
+from estimators.stereo.initial_values import from_cloud, points_by_mean
+from estimators.stereo.object_motion import Problem, Solution, Stop, adjust, motion_covariance
 from estimators.stereo.solvers import Datum, Method, Pivot, adjust_full
 from estimators.stereo.triangulation import triangulate
 from sim.pose import exp_so3, log_so3
