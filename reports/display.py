@@ -95,7 +95,7 @@ def _index(metrics: pd.DataFrame, estimator: str, bins: bool = False) -> dict[tu
 def cards(metrics: pd.DataFrame, estimator: str) -> list[Card]:
     """The key numbers of one estimator."""
     found = _index(metrics, estimator)
-    return [*_accuracy_cards(found), *_nees_cards(found), *_support_cards(found)]
+    return [*_accuracy_cards(found), *_nees_cards(found), *_outlier_cards(found), *_support_cards(found)]
 
 
 def _accuracy_cards(found: Mapping[tuple[str, str, str, str], pd.Series]) -> Iterator[Card]:
@@ -119,6 +119,18 @@ def _nees_cards(found: Mapping[tuple[str, str, str, str], pd.Series]) -> Iterato
             low, high = (float(x) for x in str(row["reference"]).split(".."))
             remark = f"band {number(low)} … {number(high)}, {row['n']} windows"
             yield Card(title, number(row["value"]), remark, low <= row["value"] <= high)
+
+
+def _outlier_cards(found: Mapping[tuple[str, str, str, str], pd.Series]) -> Iterator[Card]:
+    """Mean numbers of tracks in a window."""
+    rows = {s: found.get(("outlier", "all", s, "")) for s in ("tp", "fn", "fp", "flagged")}
+    if any(row is None for row in rows.values()):
+        return
+    found_, missed, wrong, flagged = (f"{row['value']:.1f}" for row in rows.values() if row is not None)
+    yield Card("Outliers found", found_, f"{missed} missed, tracks per window")
+    yield Card("Good tracks rejected", wrong, "per window")
+    if float(flagged):
+        yield Card("Second body flagged", flagged, "rejected tracks per window")
 
 
 def _support_cards(found: Mapping[tuple[str, str, str, str], pd.Series]) -> Iterator[Card]:

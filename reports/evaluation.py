@@ -14,7 +14,7 @@ from reports.windows import true_outliers
 from sim.observations import Tracks
 from sim.truth import Truth
 
-OUTLIER_COLUMNS = ["tp", "fp", "fn"]
+OUTLIER_COLUMNS = ["tp", "fp", "fn", "flagged"]
 VISIBLE_POINTS = 30  # a frame with fewer visible points need not be estimated
 
 
@@ -24,7 +24,8 @@ class Evaluation:
 
     wanted: frames in which enough of the target is visible, estimated: those of them with an estimate; windows tried
     and failed; overlap: frames of the longest window; over_ground: what speed and yaw rate refer to; runtime_s NaN
-    where nothing was estimated; outliers: true, false and missed ones per window (tp, fp, fn), empty without any.
+    where nothing was estimated; outliers: true, false and missed ones per window (tp, fp, fn) and how many of the
+    rejected tracks were flagged as another rigid body; empty without any.
     """
 
     scenario: str
@@ -88,10 +89,20 @@ def evaluate(
 
 
 def outlier_counts(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> pd.DataFrame:
-    """True, false and missed outliers among the tracks of every window, at the time of its newest frame."""
+    """True, false and missed outliers among the tracks of every window, and those flagged as another rigid body, at the
+    time of its newest frame.
+    """
     rows = []
     for window in estimate.windows:
         wrong = true_outliers(truth, tracks, window)
         hit = int(np.isin(window.rejected, wrong).sum())
-        rows.append((float(truth.t_s[window.frames[-1]]), hit, len(window.rejected) - hit, len(wrong) - hit))
+        rows.append(
+            (
+                float(truth.t_s[window.frames[-1]]),
+                hit,
+                len(window.rejected) - hit,
+                len(wrong) - hit,
+                len(window.second_group),
+            )
+        )
     return pd.DataFrame(rows, columns=["t_s", *OUTLIER_COLUMNS])
