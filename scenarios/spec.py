@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import functools
 import operator
@@ -58,12 +59,21 @@ def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
     return create_model(f"estimator_{name}", __base__=EstimatorSpec, __doc__=cls.__doc__, **fields)
 
 
+def one_of(models: Sequence[type[Spec]]) -> Any:
+    """The type of a table in a file that is one of several, told apart by its ``name``."""
+    union = functools.reduce(operator.or_, models)
+    return Annotated[union, Field(discriminator="name")] if len(models) > 1 else union
+
+
+def estimator_type() -> Any:
+    """The type of an ``[[estimator]]``: one of those that are installed."""
+    return one_of([_estimator_model(n, c) for n, c in sorted(registry().items())])
+
+
 @functools.cache
 def run_model() -> type[Scenario]:
     """The model of a scenario file with the estimators that are installed."""
-    models = [_estimator_model(n, c) for n, c in sorted(registry().items())]
-    union = functools.reduce(operator.or_, models)
-    one = Annotated[union, Field(discriminator="name")] if len(models) > 1 else union
+    one = estimator_type()
 
     class Run(Scenario):
         """A scenario file: world, measurement and estimators."""
@@ -111,58 +121,101 @@ def read(name_or_file: str, settings: Sequence[str] = (), seed: int | None = Non
         ScenarioError: one line that names file and key.
     """
     path = find(name_or_file)
+    data = load(path)
+    touched = set_all(data, settings)
+    if seed is not None:
+        data["seed"] = seed
+    try:
+        return validated(data)
+    except ScenarioError as error:
+        by_seed = seed is not None and str(error).startswith("seed:")
+        origin = "--seed" if by_seed else "--set" if any(t in str(error) for t in touched) else path.name
+        raise ScenarioError(f"{origin}: {error}") from error
+
+
+def load(path: Path) -> dict[str, Any]:
+    """The content of a TOML file, the paths in it made absolute; not validated."""
     try:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError(f"{path.name}: not valid TOML: {error}") from error
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or 'not text'}") from error
-    _absolutise(data, path.parent)
-    touched = [_apply(data, s) for s in settings]
-    _absolutise(data, Path.cwd())
-    if seed is not None:
-        data["seed"] = seed
+    absolutise(data, path.parent)
+    return data
+
+
+def validated(data: dict[str, Any]) -> Any:
+    """The scenario of a file's content.
+
+    Raises
+        ScenarioError: one line that names the key.
+    """
     try:
         return run_model().model_validate(data)
     except ValidationError as error:
-        message = explain(error, run_model())
-        by_seed = seed is not None and message.startswith("seed:")
-        origin = "--seed" if by_seed else "--set" if any(t in message for t in touched) else path.name
-        raise ScenarioError(f"{origin}: {message}") from error
+        raise ScenarioError(explain(error, run_model())) from error
 
 
-def _apply(data: dict[str, Any], setting: str) -> str:
-    """Lays one ``key.path=value`` over the data; the value is TOML, or else a bare string."""
-    key, equals, text = setting.partition("=")
-    if not equals or not key.strip():
-        raise ScenarioError(f"--set {setting}: expected key.path=value")
-    parts = key.strip().split(".")
-    try:
-        value = tomllib.loads(f"x = {text}")["x"]
-    except tomllib.TOMLDecodeError:
-        value = text
-    node: Any = data
-    for i, part in enumerate(parts[:-1]):
+def set_all(data: dict[str, Any], settings: Sequence[str]) -> list[str]:
+    """Lays ``--set key.path=value`` over the data, each value TOML, or else a bare string; the keys touched."""
+    touched = []
+    for setting in settings:
+        key, equals, text = setting.partition("=")
+        if not equals or not key.strip():
+            raise ScenarioError(f"--set {setting}: expected key.path=value")
+        try:
+            value = tomllib.loads(f"x = {text}")["x"]
+        except tomllib.TOMLDecodeError:
+            value = text
+        try:
+            lay(data, key.strip(), value)
+        except ScenarioError as error:
+            raise ScenarioError(f"--set {error}") from error
+        touched.append(key.strip())
+    absolutise(data, Path.cwd())
+    return touched
+
+
+def lay(data: dict[str, Any], key: str, value: Any) -> None:
+    """Sets one dotted key; a part ``*`` stands for every item of a list.
+
+    Raises
+        ScenarioError: there is no such item.
+    """
+    *parents, last = key.split(".")
+    nodes: list[Any] = [data]
+    for i, part in enumerate(parents):
+        path = ".".join(parents[: i + 1])
+        nodes = [
+            child
+            for node in nodes
+            for child in ([node.setdefault(part, {})] if isinstance(node, dict) else _items(node, part, path))
+        ]
+    for node in nodes:
         if isinstance(node, dict):
-            node = node.setdefault(part, {})
+            node[last] = copy.deepcopy(value)
         else:
-            node = node[_index(node, part, ".".join(parts[: i + 1]))]
-    if isinstance(node, dict):
-        node[parts[-1]] = value
-    else:
-        node[_index(node, parts[-1], key)] = value
-    return ".".join(parts)
+            for i in _indices(node, last, key):
+                node[i] = copy.deepcopy(value)
 
 
-def _index(node: Any, part: str, key: str) -> int:
+def _items(node: Any, part: str, key: str) -> list[Any]:
+    return [node[i] for i in _indices(node, part, key)]
+
+
+def _indices(node: Any, part: str, key: str) -> Sequence[int]:
     if not isinstance(node, list):
-        raise ScenarioError(f"--set {key}: {key.rpartition('.')[0]!r} has no keys of its own")
+        raise ScenarioError(f"{key}: {key.rpartition('.')[0]!r} has no keys of its own")
+    if part == "*":
+        return range(len(node))
     if not part.isdigit() or int(part) >= len(node):
-        raise ScenarioError(f"--set {key}: expected an index 0..{len(node) - 1}, found {part!r}")
-    return int(part)
+        raise ScenarioError(f"{key}: expected an index 0..{len(node) - 1}, found {part!r}")
+    return [int(part)]
 
 
-def _absolutise(data: dict[str, Any], base: Path) -> None:
+def absolutise(data: dict[str, Any], base: Path) -> None:
+    """Makes the relative paths in a scenario's content absolute."""
     for pattern in _PATHS:
         for owner, last in _owners(data, pattern):
             value = owner.get(last)
