@@ -39,3 +39,27 @@ def interval(
     pooled = np.concatenate([pool(values[rows[i : i + step]]) for i in range(0, REPLICATES, step)])
     low, high = np.quantile(pooled, [(1 - level) / 2, (1 + level) / 2])
     return float(low), float(high)
+
+
+def interval_of_sums(
+    finish: Callable[[Float[Array, "*b q"]], Float[Array, "*b"]],
+    sums: Float[Array, "r q"],
+    rng: np.random.Generator,
+    level: float = 0.95,
+) -> tuple[float, float]:
+    """Confidence interval of a statistic that ``finish`` makes of sums over independent runs; NaN for one run.
+
+    Whole runs are drawn, so all correlation within a run stays, at a cost that does not depend on the runs' length.
+    """
+    drawn = finish(resample(sums, rng)) if len(sums) > 1 else np.empty(0)
+    drawn = drawn[np.isfinite(drawn)]
+    if not len(drawn):
+        return np.nan, np.nan
+    low, high = np.quantile(drawn, [(1 - level) / 2, (1 + level) / 2])
+    return float(low), float(high)
+
+
+def resample(sums: Float[Array, "r q"], rng: np.random.Generator) -> Float[Array, "replicates q"]:
+    """Sums over as many runs, drawn with replacement."""
+    runs = len(sums)
+    return np.asarray(rng.multinomial(runs, np.full(runs, 1 / runs), REPLICATES) @ sums)

@@ -1,94 +1,56 @@
-"""What an error table comes to: a registry of statistics, pooled over time and runs, with bootstrap intervals.
+"""What an error table comes to: every statistic of every quantity, pooled over time and runs, as metrics.csv.
 
-Squared errors are pooled, never averaged RMS values; percentiles come from the data. Over several axes ("all") a
-statistic is that of the vectors' lengths: the bias is the length of the mean vector, the standard deviation the root of
-the summed variances. Intervals (95 %) are block bootstraps: blocks of a window's length within one run, because
-neighbouring windows share frames, and of a run's length over several runs.
+Intervals (95 %) are bootstraps: within one run of blocks of a window's length, because neighbouring windows share
+frames; over several runs of whole runs (percentiles then have none).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from reports.bootstrap import interval
+from reports.bootstrap import interval, interval_of_sums
 from reports.consistency import DOF, pooled_nees
 from reports.errors import SMOOTHED, UNITS
-from reports.evaluation import Evaluation
+from reports.evaluation import OUTLIER_COLUMNS, Evaluation
+from reports.statistics import STATISTICS, Direction, Statistic
 from sim.streams import stream
 
 Array = np.ndarray
-Direction = Literal["lower", "higher", "zero", "one"]
 
 METRIC_COLUMNS = [
     *("scenario", "seed", "runs", "estimator", "quantity", "axis", "statistic", "value", "unit", "direction", "n"),
     *("ci_low", "ci_high", "reference", "source", "entity", "bin", "point"),
 ]
 _EMPTY = {"ci_low": np.nan, "ci_high": np.nan, "reference": "", "source": "", "entity": "", "bin": "", "point": ""}
+SUPPORT_COLUMNS = ["wanted", "estimated", "windows", "failed", "overlap", "over_ground"]
 BIN_M = 10.0
 MIN_BIN = 3
 
 
-@dataclass(frozen=True)
-class Statistic:
-    """``pool`` maps errors and bounds, stacked (..., n, 2k) as [errors, bounds], to (...).
+_BIN_STATISTICS = ("bias", "rms", "crb", "efficiency")
 
-    unit None means that of the quantity; ``interval`` whether a bootstrap interval makes sense.
+
+@dataclass(frozen=True, eq=False)
+class Pooled:
+    """What is known of one estimator over one run or many.
+
+    comparison: error rows (run, quantity, t_s, entity, axis, error, bound, distance_m); nees; outliers of every window;
+    failures: their reasons; support: wanted, estimated, windows, failed, overlap and over_ground, one row per run;
+    runtime_s of every estimation, as far as known.
     """
 
-    direction: Direction
-    pool: Callable[[Float[Array, "*b n k"]], Float[Array, "*b"]]
-    unit: str | None = None
-    needs_bound: bool = False
-    interval: bool = True
-
-
-def _error(v: Array) -> Array:
-    return v[..., : v.shape[-1] // 2]
-
-
-def _bound(v: Array) -> Array:
-    return v[..., v.shape[-1] // 2 :]
-
-
-def _length(x: Array) -> Array:
-    return np.asarray(np.sqrt(np.sum(x * x, axis=-1)))
-
-
-def _bias(v: Array) -> Array:
-    mean = _error(v).mean(axis=-2)
-    return np.asarray(mean[..., 0] if mean.shape[-1] == 1 else _length(mean))
-
-
-def _std(v: Array) -> Array:
-    return np.asarray(np.sqrt(_error(v).var(axis=-2, ddof=1).sum(axis=-1)))
-
-
-def _mean_square(x: Array) -> Array:
-    return np.asarray(np.sum(x * x, axis=-1).mean(axis=-1))
-
-
-def _efficiency(v: Array) -> Array:
-    """sqrt(bound / mean squared error); NaN where there is no error at all."""
-    bound, error = _mean_square(_bound(v)), _mean_square(_error(v))
-    return np.asarray(np.sqrt(np.divide(bound, error, out=np.full_like(bound, np.nan), where=error > 0)))
-
-
-STATISTICS: dict[str, Statistic] = {
-    "bias": Statistic("zero", _bias),
-    "std": Statistic("lower", _std),
-    "rms": Statistic("lower", lambda v: np.sqrt(_mean_square(_error(v)))),
-    "p95": Statistic("lower", lambda v: np.quantile(_length(_error(v)), 0.95, axis=-1)),
-    "max": Statistic("lower", lambda v: _length(_error(v)).max(axis=-1), interval=False),
-    "crb": Statistic("lower", lambda v: np.sqrt(_mean_square(_bound(v))), needs_bound=True, interval=False),
-    "efficiency": Statistic("higher", _efficiency, unit="1", needs_bound=True),
-}
-_BIN_STATISTICS = ("bias", "rms", "crb", "efficiency")
+    comparison: pd.DataFrame
+    nees: pd.DataFrame
+    outliers: pd.DataFrame
+    failures: pd.Series
+    support: pd.DataFrame
+    runtime_s: Float[Array, "r"]
 
 
 def metrics_table(evaluations: Sequence[Evaluation], stages: Mapping[str, float] | None = None) -> pd.DataFrame:
@@ -100,9 +62,9 @@ def metrics_table(evaluations: Sequence[Evaluation], stages: Mapping[str, float]
     for e in evaluations:
         groups.setdefault((e.scenario, e.seed, e.estimator), []).append(e)
     rows = [
-        {"scenario": scenario, "seed": seed, "runs": len(group), "estimator": estimator} | row
+        {"scenario": scenario, "seed": seed, "estimator": estimator} | row
         for (scenario, seed, estimator), group in groups.items()
-        for row in _group_rows(group)
+        for row in pooled_rows(_gathered(group))
     ]
     if evaluations:
         first = evaluations[0]
@@ -111,7 +73,26 @@ def metrics_table(evaluations: Sequence[Evaluation], stages: Mapping[str, float]
             | _row("runtime", "all", "sum", seconds, "s", "lower", 1)
             for stage, seconds in (stages or {}).items()
         ]
-    return pd.DataFrame([_EMPTY | row for row in rows], columns=METRIC_COLUMNS)
+    return as_table(rows)
+
+
+def as_table(rows: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
+    """Rows as the columns of metrics.csv, what they leave out empty."""
+    return pd.DataFrame([_EMPTY | dict(row) for row in rows], columns=METRIC_COLUMNS)
+
+
+def _gathered(group: Sequence[Evaluation]) -> Pooled:
+    table = pd.concat([e.comparison for e in group], ignore_index=True)
+    failed = table["quantity"] == "failure"
+    seconds = np.array([e.runtime_s for e in group])
+    return Pooled(
+        comparison=table[~failed],
+        nees=pd.concat([e.nees for e in group], ignore_index=True),
+        outliers=pd.concat([e.outliers.assign(run=e.run) for e in group], ignore_index=True),
+        failures=table.loc[failed, "entity"],
+        support=pd.DataFrame([{name: getattr(e, name) for name in SUPPORT_COLUMNS} for e in group]),
+        runtime_s=seconds[np.isfinite(seconds)],
+    )
 
 
 def _row(
@@ -128,76 +109,98 @@ def _row(
     }
 
 
-def _group_rows(group: list[Evaluation]) -> Iterator[dict[str, Any]]:
-    table = pd.concat([e.comparison for e in group], ignore_index=True)
-    reference = "over ground" if group[0].over_ground else "relative"
-    errors = table[table["quantity"] != "failure"]
-    for (quantity, entity), part in errors.groupby(["quantity", "entity"], sort=False):
+def pooled_rows(p: Pooled) -> Iterator[dict[str, Any]]:
+    """Every metric of one estimator, without the columns that say whose it is."""
+    reference = "over ground" if p.support["over_ground"].any() else "relative"
+    overlap, runs = int(p.support["overlap"].max()), len(p.support)
+    for (quantity, entity), part in p.comparison.groupby(["quantity", "entity"], sort=False, observed=True):
         label = {"entity": entity, "reference": reference if quantity in ("speed", "yaw_rate") else ""}
-        block = _block(part, max(e.overlap for e in group))
-        yield from (row | label for row in _error_rows(str(quantity), part, block, tuple(STATISTICS)))
+        yield from ({"runs": runs} | row | label for row in _error_rows(str(quantity), part, overlap, STATISTICS))
         if quantity == "position" and entity != SMOOTHED:
-            yield from (row | label for row in _bin_rows(part, block))
-    yield from _nees_rows(pd.concat([e.nees for e in group], ignore_index=True) if group else None)
-    yield from _support_rows(group, table)
+            yield from ({"runs": runs} | row | label for row in _bin_rows(part, overlap))
+    for rows in (_nees_rows(p.nees), _support_rows(p)):
+        yield from ({"runs": runs} | row for row in rows)
 
 
-def _block(part: pd.DataFrame, overlap: int) -> int:
-    """Rows that stay together in the bootstrap: windows that overlap in one run, whole runs otherwise."""
-    per_run = part.groupby("run")["t_s"].nunique()
-    return min(overlap, int(per_run.iloc[0])) if len(per_run) == 1 else int(per_run.median())
+@dataclass(frozen=True, eq=False)
+class Stack:
+    """Errors and bounds (n, 2k) with the run (n,) of each row, ordered by run and time."""
+
+    run: Int[Array, "n"]
+    values: Float[Array, "n k"]
+
+    def bounded(self) -> Stack:
+        """The rows whose bound is known."""
+        known = np.isfinite(self.values).all(axis=1)
+        return Stack(self.run[known], self.values[known])
+
+    def per_run(self, statistic: Statistic) -> Float[Array, "r q"]:
+        """Sums of a statistic's summands in every run."""
+        assert statistic.sums is not None
+        starts = np.flatnonzero(np.append(True, self.run[1:] != self.run[:-1]))
+        return np.asarray(np.add.reduceat(statistic.sums(self.values), starts, axis=0))
 
 
-def _stack(part: pd.DataFrame) -> dict[str, Array]:
-    """(n, 2k) errors and bounds per axis and, for vectors, over all axes; rows ordered by run and time."""
+def stacks(part: pd.DataFrame) -> dict[str, Stack]:
+    """Errors of one quantity and entity per axis and, for vectors, over all axes."""
     wide = part.pivot(  # noqa: PD010 - refuses duplicates, which pivot_table would average
         index=["run", "t_s"], columns="axis", values=["error", "bound"]
     ).sort_index()
     axes = list(dict.fromkeys(part["axis"]))
-    stacks = {a: wide[[("error", a), ("bound", a)]].to_numpy() for a in axes}
+    run = wide.index.get_level_values("run").to_numpy()
+    found = {a: Stack(run, wide[[("error", a), ("bound", a)]].to_numpy()) for a in axes}
     if len(axes) > 1:
-        stacks["all"] = wide[[(v, a) for v in ("error", "bound") for a in axes]].to_numpy()
-    return stacks
+        found["all"] = Stack(run, wide[[(v, a) for v in ("error", "bound") for a in axes]].to_numpy())
+    return found
+
+
+def estimate(statistic: Statistic, stack: Stack, overlap: int, component: str) -> tuple[float, float, float]:
+    """A statistic with its 95 % interval, NaN where there is none.
+
+    Of one run by blocks of ``overlap`` neighbouring windows, of several by whole runs.
+    """
+    value, rng = float(statistic.pool(stack.values)), stream(0, 0, component)
+    if not statistic.interval:
+        return value, np.nan, np.nan
+    if stack.run[0] == stack.run[-1]:
+        return value, *interval(statistic.pool, stack.values, overlap, rng)
+    if statistic.sums is None or statistic.finish is None:
+        return value, np.nan, np.nan
+    return value, *interval_of_sums(statistic.finish, stack.per_run(statistic), rng)
 
 
 def _error_rows(
-    quantity: str, part: pd.DataFrame, block: int, statistics: Sequence[str], axes: Sequence[str] | None = None
+    quantity: str, part: pd.DataFrame, overlap: int, names: Iterable[str], axes: Sequence[str] | None = None
 ) -> Iterator[dict[str, Any]]:
-    for axis, values in _stack(part).items():
+    for axis, stack in stacks(part).items():
         if axes is not None and axis not in axes:
             continue
-        bounded = values[np.isfinite(values).all(axis=1)]
-        for name in statistics:
+        bounded = stack.bounded()
+        for name in names:
             s = STATISTICS[name]
-            data = bounded if s.needs_bound else values
-            if len(data) < (2 if name == "std" else 1):
+            data = bounded if s.needs_bound else stack
+            if len(data.run) < (2 if name == "std" else 1):
                 continue
-            value = float(s.pool(data))
-            if not np.isfinite(value):
-                continue
-            row = _row(quantity, axis, name, value, s.unit or UNITS[quantity], s.direction, len(data))
-            if s.interval:
-                rng = stream(0, 0, f"{quantity}/{axis}/{name}")
-                row["ci_low"], row["ci_high"] = interval(s.pool, data, block, rng)
-            yield row
+            value, low, high = estimate(s, data, overlap, f"{quantity}/{axis}/{name}")
+            if np.isfinite(value):
+                row = _row(quantity, axis, name, value, s.unit or UNITS[quantity], s.direction, len(data.run))
+                yield row | {"ci_low": low, "ci_high": high}
 
 
-def _bin_rows(part: pd.DataFrame, block: int) -> Iterator[dict[str, Any]]:
+def _bin_rows(part: pd.DataFrame, overlap: int) -> Iterator[dict[str, Any]]:
     """Depth error by true distance."""
-    lower = np.floor(part["distance_m"] / BIN_M) * BIN_M
-    for start, rows in part.groupby(lower):
-        if rows["t_s"].nunique() < MIN_BIN:
+    depth = part[part["axis"] == "z"]
+    for start, rows in depth.groupby(np.floor(depth["distance_m"] / BIN_M) * BIN_M):
+        if len(rows) < MIN_BIN:
             continue
         name = f"{start:.0f}-{start + BIN_M:.0f} m"
-        for row in _error_rows("position", rows, block, _BIN_STATISTICS, axes=("z",)):
+        for row in _error_rows("position", rows, overlap, _BIN_STATISTICS, axes=("z",)):
             yield row | {"bin": name}
 
 
-def _nees_rows(nees: pd.DataFrame | None) -> Iterator[dict[str, Any]]:
+def _nees_rows(nees: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Mean NEES over its degrees of freedom, of independent windows only; the 99 % chi-square band as reference."""
-    if nees is None or nees.empty:
-        return
-    for quantity, part in nees[nees["disjoint"].astype(bool)].groupby("quantity", sort=False):
+    for quantity, part in nees[nees["disjoint"].astype(bool)].groupby("quantity", sort=False, observed=True):
         values = part["nees"].to_numpy(float)[:, None] / DOF
         mean, lower, upper = pooled_nees(part["nees"].to_numpy(float))
         row = _row(str(quantity), "all", "nees", mean, "1", "one", len(values))
@@ -206,20 +209,36 @@ def _nees_rows(nees: pd.DataFrame | None) -> Iterator[dict[str, Any]]:
         yield row | {"ci_low": low, "ci_high": high} | band
 
 
-def _support_rows(group: list[Evaluation], table: pd.DataFrame) -> Iterator[dict[str, Any]]:
-    """Share of the wanted frames that have an estimate, failures by reason, run time."""
-    wanted, windows = sum(e.wanted for e in group), sum(e.windows for e in group)
+def _ratio(s: Array) -> Array:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(s[..., 0] / s[..., 1])
+
+
+def _over_runs(sums: pd.DataFrame, component: str) -> dict[str, float]:
+    """95 % interval of the ratio of two sums, given per run."""
+    low, high = interval_of_sums(_ratio, sums.to_numpy(float), stream(0, 0, component))
+    return {"ci_low": low, "ci_high": high}
+
+
+def _support_rows(p: Pooled) -> Iterator[dict[str, Any]]:
+    """Share of the wanted frames that have an estimate, tracks taken for outliers, failures by reason, run time."""
+    wanted, estimated, windows, failed = (int(p.support[k].sum()) for k in SUPPORT_COLUMNS[:4])
     if wanted:
-        share = sum(e.estimated for e in group) / wanted
-        yield _row("trajectory", "all", "converged", share, "1", "higher", wanted)
-    yield _row("trajectory", "all", "failed", sum(e.failed for e in group), "1", "lower", windows)
-    outliers = pd.concat([e.outliers for e in group], ignore_index=True)
-    for name in outliers.columns if len(outliers) else ():
-        direction: Direction = "higher" if name == "tp" else "lower"
-        yield _row("outlier", "all", name, float(outliers[name].astype(float).mean()), "1", direction, len(outliers))
-    failures = table[table["quantity"] == "failure"]
-    for reason, count in failures["entity"].value_counts(sort=False).items():
+        row = _row("trajectory", "all", "converged", estimated / wanted, "1", "higher", wanted)
+        yield row | _over_runs(p.support[["estimated", "wanted"]], "trajectory/converged")
+    yield _row("trajectory", "all", "failed", failed, "1", "lower", windows)
+    yield from _outlier_rows(p.outliers)
+    for reason, count in p.failures.value_counts(sort=False).items():
         yield _row("failure", "all", "failed", count, "1", "lower", windows) | {"entity": reason}
-    seconds = [e.runtime_s for e in group if np.isfinite(e.runtime_s)]
-    if seconds:
-        yield _row("runtime", "all", "median", float(np.median(seconds)), "s", "lower", len(seconds))
+    if len(p.runtime_s):
+        yield _row("runtime", "all", "median", float(np.median(p.runtime_s)), "s", "lower", len(p.runtime_s))
+
+
+def _outlier_rows(outliers: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Mean numbers of tracks in a window; none where there is nothing to count."""
+    if not outliers[OUTLIER_COLUMNS].to_numpy().any():
+        return
+    for name in OUTLIER_COLUMNS:
+        counts = outliers[name].astype(float)
+        row = _row("outlier", "all", name, counts.mean(), "1", "higher" if name == "tp" else "lower", len(counts))
+        yield row | _over_runs(counts.groupby(outliers["run"]).agg(["sum", "size"]), f"outlier/{name}")

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from estimators.estimate import EstimationFailed, Failure
 from reports.bootstrap import block_indices, interval
 from reports.evaluation import evaluate
-from reports.metrics import METRIC_COLUMNS, STATISTICS, metrics_table
+from reports.metrics import METRIC_COLUMNS, Stack, metrics_table
+from reports.statistics import STATISTICS
 from sim.pose import Pose
 
 CONTRACT = (
@@ -81,6 +84,33 @@ def test_runs_are_pooled_by_squares(world, keys):
     rms = number(table, "position", "z", "rms")
     assert rms["value"] == pytest.approx(np.sqrt((0.01 + 0.09) / 2))
     assert rms["runs"] == 2
+
+
+def test_intervals_over_runs_keep_what_a_run_shares(world, keys):
+    """Every run has an offset of its own: the interval of the bias is that of 40 offsets, not of their 1520 windows."""
+    offsets = np.random.default_rng(1).normal(0.5, 0.1, 40)
+    one = evaluate(world.truth, world.tracks, world.estimate, **keys)
+    runs = [
+        replace(one, run=run, comparison=one.comparison.assign(run=run, error=one.comparison["error"] + dz))
+        for run, dz in enumerate(offsets)
+    ]
+    row = number(metrics_table(runs), "position", "z", "bias")
+    half = 1.96 * offsets.std() / np.sqrt(40)
+    # 5 % for 999 replicates, and the quantile of 40 values that are hardly normal
+    assert row["ci_high"] - row["ci_low"] == pytest.approx(2 * half, rel=0.1)
+    assert row["ci_low"] < offsets.mean() < row["ci_high"]
+
+
+def test_sums_say_what_the_rows_do():
+    """Pooling runs by their sums is pooling their rows, whatever the bias."""
+    rng = np.random.default_rng(2)
+    values = np.concatenate([1e4 + rng.normal(size=(60, 3)), np.ones((60, 3))], axis=1)
+    stack = Stack(np.repeat(np.arange(5), 12), values)
+    for name, statistic in STATISTICS.items():
+        if statistic.sums is not None:
+            pooled = statistic.finish(stack.per_run(statistic).sum(axis=0))
+            assert pooled == pytest.approx(statistic.pool(values), rel=1e-12), name
+    assert STATISTICS["std"].pool(values) == pytest.approx(np.sqrt(np.trace(np.cov(values[:, :3].T))), rel=1e-9)
 
 
 def test_vector_statistics_against_numpy():
