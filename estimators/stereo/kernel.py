@@ -605,6 +605,46 @@ def reduced_system(
 
 @compiled
 @no_type_check
+def eliminated(
+    tiles: Tiles, frame: Array, point: Array, R: Array, X: Array, W: Array, factor: Array, F: Array
+) -> tuple[Array, Array]:
+    """What functions of the points become when these follow the poses: U = L^-1 F' (n, 3, f) and sum U'Z (6m, f).
+
+    X (n, 3) and the derivatives F (n, f, 3) of the functions belong to the points in their own order. The functions'
+    covariance is U'U for given poses; -(U'Z)' is their derivative by the poses.
+    """
+    n, f = F.shape[0], F.shape[1]
+    U, L = np.empty((n, 3, f)), np.empty((n, 6))
+    for i in range(n):
+        for c in range(6):
+            L[i, c] = factor[(tiles.lane[i] // LANES * _FACTOR + c) * LANES + tiles.lane[i] % LANES]
+        for c in range(f):
+            U[i, 0, c] = F[i, c, 0] * L[i, 0]
+            U[i, 1, c] = (F[i, c, 1] - L[i, 1] * U[i, 0, c]) * L[i, 3]
+            U[i, 2, c] = (F[i, c, 2] - L[i, 2] * U[i, 0, c] - L[i, 4] * U[i, 1, c]) * L[i, 5]
+    UZ, N = np.zeros((6 * len(R), f)), np.empty((6, 3))
+    for k in range(len(frame)):
+        t, i = frame[k], point[k]
+        a0 = R[t, 0, 0] * X[i, 0] + R[t, 0, 1] * X[i, 1] + R[t, 0, 2] * X[i, 2]
+        a1 = R[t, 1, 0] * X[i, 0] + R[t, 1, 1] * X[i, 1] + R[t, 1, 2] * X[i, 2]
+        a2 = R[t, 2, 0] * X[i, 0] + R[t, 2, 1] * X[i, 1] + R[t, 2, 2] * X[i, 2]
+        for c in range(3):
+            for b in range(3):
+                N[3 + b, c] = W[k, b, 0] * R[t, 0, c] + W[k, b, 1] * R[t, 1, c] + W[k, b, 2] * R[t, 2, c]
+            N[0, c], N[1, c] = a1 * N[5, c] - a2 * N[4, c], a2 * N[3, c] - a0 * N[5, c]
+            N[2, c] = a0 * N[4, c] - a1 * N[3, c]
+        for b in range(6):
+            z0 = N[b, 0] * L[i, 0]
+            z1 = (N[b, 1] - L[i, 1] * z0) * L[i, 3]
+            z2 = (N[b, 2] - L[i, 2] * z0 - L[i, 4] * z1) * L[i, 5]
+            row, u = UZ[6 * t + b], U[i]
+            for c in range(f):
+                row[c] += z0 * u[0, c] + z1 * u[1, c] + z2 * u[2, c]
+    return U, UZ
+
+
+@compiled
+@no_type_check
 def right_side(tiles: Tiles, R: Array, T: Array, X: Array) -> Array:
     """The right side (6m,) of `reduced_system` alone."""
     sums = np.zeros(6 * len(R) * LANES)
@@ -855,7 +895,7 @@ def _orthonormal(G: Array) -> None:
 
 @compiled
 @no_type_check
-def _without_datum(S: Array, scale: Array, G: Array) -> Array:
+def without_datum(S: Array, scale: Array, G: Array) -> Array:
     """P S P + G G' in units of ``scale``; P projects onto the complement of the null space G (p, g), orthonormal there.
 
     The changes that only move the object frame get eigenvalues of one: no estimable quantity depends on them.
@@ -887,7 +927,7 @@ def _system(
         return S, rhs, G, scale
     G = G * scale.reshape(-1, 1)
     _orthonormal(G)
-    M, b = _without_datum(S, scale, G), rhs / scale
+    M, b = without_datum(S, scale, G), rhs / scale
     # What is known may hold the object frame itself; its place is the start's all the same.
     return M, b - np.dot(G, np.dot(G.T, b)), G, scale
 

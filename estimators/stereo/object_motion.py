@@ -15,8 +15,9 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import lapack
 
-from estimators.gauss_markov import Reduced, SingularSystem, normal_blocks, reduce_points, spectrum
+from estimators.gauss_markov import SingularSystem
 from estimators.stereo.conditions import Conditions, no_terms
 from estimators.stereo.depth_bias import ObservationModel
 from estimators.stereo.kernel import (
@@ -25,12 +26,17 @@ from estimators.stereo.kernel import (
     STUCK,
     UNDETERMINED_TRACK,
     UNOBSERVED_POSE,
+    best_points,
     descend,
+    eliminated,
+    fill_fixed,
     in_lanes,
     layout,
     mean_points,
     points_of,
+    reduced_system,
     weights_of,
+    without_datum,
 )
 from sim.pose import hat, left_jacobian, log_so3
 
@@ -43,6 +49,8 @@ _FAILURES = {
     STUCK: "no step decreases the cost",
     EXHAUSTED: "no convergence within {} iterations",
 }
+# Of the poses' normal equations in units of their diagonal: nearer to singular they do not determine the motion.
+_RECIPROCAL_CONDITION = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,31 +107,25 @@ def align(X: Float[Array, "n 3"], to: Float[Array, "n 3"]) -> tuple[Float[Array,
     return Q, b - Q @ a
 
 
-def pose_covariance(
-    frame: Array,
-    point: Array,
-    R: Array,
-    X: Array,
-    W: Array,
-    T: Array | None = None,
-    conditions: Conditions | None = None,
-) -> tuple[Float[Array, "p p"], Reduced]:
-    """Covariance (6m, 6m) of the poses in the datum without null-space share, (2.1.21), and the reduced system.
+def pose_covariance(S: Float[Array, "p p"], F: Float[Array, "f p"], G: Float[Array, "p g"]) -> Float[Array, "f f"]:
+    """Covariance of functions of the poses with the derivatives F, reduced normal matrix S and its null space G.
 
-    T (m, 3) is needed where there are conditions.
+    That in the datum without null-space share, (2.1.21).
+
+    Raises
+        SingularSystem: S has further null directions, or is not positive: the motion is not determined.
     """
-    R_k = R[frame]
-    blocks = normal_blocks(design(R_k, X[point]), R_k, W, np.zeros((len(frame), 3)))
-    reduced = reduce_points(frame, point, blocks, len(R), len(X))
-    S, G, free = reduced.S, null_space(R), None
-    if conditions is not None and T is not None:
-        known = conditions.pseudo_observations(R, T)
-        S, G, free = S + known.J.T @ known.P @ known.J, conditions.null_space(R), conditions.free
-    if free is not None:
-        S, G = free.T @ S @ free, free.T @ G
     scale = np.sqrt(np.clip(np.diag(S), 0, None))
-    Sigma = spectrum(S, scale, G).inverse()
-    return Sigma if free is None else np.asarray(free @ Sigma @ free.T), reduced
+    if not np.all(scale > 0):
+        raise SingularSystem("a pose is not observed")
+    Q, _ = np.linalg.qr(G * scale[:, None])
+    M = without_datum(S, scale, Q)
+    L, failed = lapack.dpotrf(M, lower=1)
+    if failed or lapack.dpocon(L, np.abs(M).sum(axis=0).max(), uplo="L")[0] < _RECIPROCAL_CONDITION:
+        raise SingularSystem("the motion is not determined by the tracks")
+    F = F / scale
+    H, _ = lapack.dtrtrs(L, (F - (F @ Q) @ Q.T).T, lower=1)
+    return np.asarray(H.T @ H)
 
 
 def adjust(
@@ -185,14 +187,25 @@ def motion_covariance(
     Raises
         SingularSystem: the tracks do not determine the motion (fewer than three, collinear, no overlap).
     """
-    m = len(R)
-    Sigma, reduced = pose_covariance(frame, point, R, X, W, T, conditions)
     F_p, F_X = _functionals(R[-2:], X, dt_s)
-    F = np.zeros((12, 6 * m))
-    F[:, 6 * (m - 2) :] = F_p
-    F -= np.einsum("nfa,nap->fp", F_X, reduced.h)
-    cov = F @ Sigma @ F.T + np.einsum("nfa,nab,ngb->fg", F_X, reduced.N_inv, F_X)
-    return np.asarray((cov + cov.T) / 2)
+    m, n = len(R), len(X)
+    tiles, at_rest = layout(frame, point, m, n), np.zeros((m, 3))
+    fill_fixed(tiles, np.einsum("kab,kb->ka", R[frame], X[point]), W)
+    in_tiles, factor = in_lanes(tiles, X), np.empty(6 * len(tiles.unused))
+    if np.isnan(best_points(tiles, R, at_rest, in_tiles, factor)):
+        raise SingularSystem("a point is not determined by its observations")
+    S, _, _ = reduced_system(tiles, R, at_rest, in_tiles, factor, False)
+    U, UZ = eliminated(tiles, frame, point, R, X, W, factor, F_X)
+    F = -UZ.T
+    F[:, 6 * (m - 2) :] += F_p
+    G, free = null_space(R), None
+    if conditions is not None and T is not None:
+        known = conditions.pseudo_observations(R, T)
+        S, G, free = S + known.J.T @ known.P @ known.J, conditions.null_space(R), conditions.free
+    if free is not None:
+        S, F, G = free.T @ S @ free, F @ free, free.T @ G
+    U = U.reshape(3 * n, -1)
+    return np.asarray(pose_covariance(S, F, G) + U.T @ U)
 
 
 def _functionals(R: Array, X: Array, dt_s: float) -> tuple[Array, Array]:
@@ -203,7 +216,7 @@ def _functionals(R: Array, X: Array, dt_s: float) -> tuple[Array, Array]:
     inertia = np.eye(3) * np.sum(x * x) - x.T @ x
     if np.linalg.eigvalsh(inertia)[0] < 1e-9 * max(np.trace(inertia), 1e-30):
         raise SingularSystem("the points are collinear")
-    turn = np.linalg.solve(inertia, hat(x))  # rotation of the shape per dX_i, (n, 3, 3)
+    turn = np.linalg.inv(inertia) @ hat(x)  # rotation of the shape per dX_i, (n, 3, 3)
     pose = np.zeros((2, 6, 6))  # centroid and rotation of one frame by its own pose
     pose[:, :3, :3] = -hat(R @ centre)
     pose[:, :3, 3:] = pose[:, 3:, :3] = np.eye(3)

@@ -17,6 +17,8 @@ from estimators.stereo.kernel import (
     LANES,
     Tiles,
     best_points,
+    eliminated,
+    fill_fixed,
     layout,
     mean_points,
     points_of,
@@ -186,6 +188,25 @@ def test_one_pass_is_the_reduced_system(scene: Any, weights: Weights, newton: bo
     np.testing.assert_allclose(S / np.outer(scale, scale), S_ref / np.outer(scale, scale), atol=1e-10)
     np.testing.assert_allclose(rhs, rhs_ref, atol=1e-8 * np.abs(rhs_ref).max())
     np.testing.assert_allclose(right_side(tiles, R, T, X), rhs, atol=1e-12 * np.abs(rhs_ref).max())
+
+
+def test_functions_of_the_points_where_these_follow_the_poses(scene: Any, problem: Problem) -> None:
+    R, X, at_rest = np.array(scene.T_co.R), scene.X, np.zeros((problem.m, 3))
+    F = np.random.default_rng(4).normal(size=(len(X), 5, 3))
+    Y = camera_points(problem, R, at_rest, X)
+    W = problem.model(Y + np.array(scene.T_co.t)[problem.frame])[1]
+    tiles = filled(problem)
+    factor = np.empty(6 * len(tiles.unused))
+    fill_fixed(tiles, Y, W)
+    best_points(tiles, R, at_rest, lanes(tiles, X), factor)
+    U, UZ = eliminated(tiles, problem.frame, problem.point, R, X, W, factor, F)
+    R_k = R[problem.frame]
+    blocks = normal_blocks(design(R_k, X[problem.point]), R_k, W, np.zeros_like(Y))
+    reduced = reduce_points(problem.frame, problem.point, blocks, problem.m, problem.n)
+    expected = np.einsum("nfa,nap->pf", F, reduced.h)
+    np.testing.assert_allclose(UZ, expected, atol=1e-9 * np.abs(expected).max())
+    variances = np.einsum("nfa,nab,ngb->fg", F, reduced.N_inv, F)
+    np.testing.assert_allclose(np.einsum("naf,nag->fg", U, U), variances, atol=1e-9 * np.abs(variances).max())
 
 
 def test_gradient_and_curvature_of_the_cost(make_scene: Maker) -> None:
