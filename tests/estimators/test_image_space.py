@@ -99,6 +99,22 @@ def test_noise_free_motion_is_recovered(make_scene: Maker, rig: str) -> None:
     assert s.cost < 1e-8
 
 
+def test_points_improve_to_the_best_for_fixed_poses(make_scene: Maker) -> None:
+    scene = make_scene(points=20, frames=6, distance_m=60.0)
+    problem = make_problem(scene, 0.5, some_missing(6, 20))
+    R, T, X = scene.T_co.R, scene.T_co.t, scene.X
+    steps = [X]
+    for _ in range(6):
+        steps.append(problem.improved_points(R, T, steps[-1]))
+    costs = [problem.cost(R, T, x) for x in steps]
+    # One step does nearly all of it.
+    assert costs[0] - costs[1] > 0.99 * (costs[0] - costs[-1]) > 1
+    b_X = np.zeros((20, 3))
+    np.add.at(b_X, problem.point, problem.blocks(R, T, steps[-1]).b_X)
+    unit = np.sqrt(np.einsum("kaa->ka", problem.blocks(R, T, X).N_XX).max(axis=0))
+    assert np.abs(b_X / unit).max() < 1e-6
+
+
 def test_optimum_is_scipy_s(make_scene: Maker) -> None:
     scene = make_scene(points=8, frames=4, distance_m=15.0)
     problem = make_problem(scene, 0.5, some_missing(4, 8))
