@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from jinja2 import Environment, PackageLoader, StrictUndefined, select_autoescape
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template, select_autoescape
 
 from estimators.estimate import EstimationFailed
 from reports import display
@@ -72,16 +72,8 @@ def write_report(run_folder: Path, name: str | None = None) -> Path:
 
 def render(run: Run, metrics: pd.DataFrame, figures: Mapping[str, Path]) -> str:
     """The report as one HTML text, figures embedded."""
-    environment = Environment(
-        loader=PackageLoader("reports"),
-        autoescape=select_autoescape(["html", "html.j2"]),
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["number"] = display.number
     labels = list(run.estimates)
-    return environment.get_template("report.html.j2").render(
+    return template("report.html.j2").render(
         title=run.scenario["title"],
         source=run.scenario.get("source") or "",
         name=run.name,
@@ -90,7 +82,7 @@ def render(run: Run, metrics: pd.DataFrame, figures: Mapping[str, Path]) -> str:
         statistics=display.HEADINGS,
         bins=display.depth_bins(metrics, labels),
         labels=labels,
-        figures=[(key, *FIGURES[key], _embedded(path)) for key, path in figures.items()],
+        figures=[(key, *FIGURES[key], embedded(path)) for key, path in figures.items()],
         settings=list(display.settings(run.scenario)),
         stages=run.stages_s,
         provenance=run.provenance,
@@ -109,5 +101,19 @@ def _estimator(run: Run, metrics: pd.DataFrame, label: str) -> dict[str, Any]:
     }
 
 
-def _embedded(path: Path) -> str:
+def template(name: str) -> Template:
+    """One of our templates, strict about what is not given, with numbers as the reports write them."""
+    environment = Environment(
+        loader=PackageLoader("reports"),
+        autoescape=select_autoescape(["html", "html.j2"]),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["number"] = display.number
+    return environment.get_template(name)
+
+
+def embedded(path: Path) -> str:
+    """An image as a part of the page itself."""
     return "data:image/png;base64," + base64.b64encode(path.read_bytes()).decode("ascii")

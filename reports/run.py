@@ -111,17 +111,19 @@ def write_tables(run: Run, evaluations: list[Evaluation]) -> pd.DataFrame:
 
 def write_figures(run: Run, evaluations: list[Evaluation]) -> dict[str, Path]:
     """Writes every figure as PNG, SVG and PDF into figures/; the PNG by name, in the report's order."""
-    folder = run.folder / "figures"
-    paths = {}
+    return save_figures(run.folder / "figures", _figures(run, evaluations))
+
+
+def save_figures(folder: Path, figures: Mapping[str, Figure]) -> dict[str, Path]:
+    """Writes figures as PNG, SVG and PDF; the PNG by name."""
     with mpl.rc_context(STYLE):
-        for name, figure in _figures(run, evaluations).items():
-            paths[name] = folder / f"{name}.png"
+        for name, figure in figures.items():
             for kind, metadata in _METADATA.items():
                 write_atomically(
                     folder / f"{name}.{kind}",
                     lambda p, f=figure, k=kind, m=metadata: f.savefig(p, format=k, dpi=_DPI, metadata=m),
                 )
-    return paths
+    return {name: folder / f"{name}.png" for name in figures}
 
 
 def _figures(run: Run, evaluations: list[Evaluation]) -> dict[str, Figure]:
