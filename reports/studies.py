@@ -150,6 +150,7 @@ def sweep(
     result: StudyResult,
     *,
     over: str,
+    x_label: str = "",
     quantity: str = "position",
     axis: str = "z",
     statistic: str = "rms",
@@ -166,7 +167,8 @@ def sweep(
     if bound:
         bounds = result.select(quantity, axis, "crb", bin=bin)
         limit = bounds.groupby(over)["value"].mean().reset_index()
-    return sweep_lines(rows, over, _label(rows, quantity, axis, statistic), bound=limit, log_x=log_x, log_y=log_y)
+    labels = (x_label or over, _label(rows, quantity, axis, statistic))
+    return sweep_lines(rows, over, labels, bound=limit, log_x=log_x, log_y=log_y)
 
 
 def heat_map(
@@ -174,6 +176,8 @@ def heat_map(
     *,
     x: str,
     y: str,
+    x_label: str = "",
+    y_label: str = "",
     quantity: str = "position",
     axis: str = "z",
     statistic: str = "rms",
@@ -182,7 +186,8 @@ def heat_map(
 ) -> Figure:
     """A statistic over two swept keys, a panel per estimator."""
     rows = result.select(quantity, axis, statistic, bin=bin)
-    return sweep_map(rows, x, y, _label(rows, quantity, axis, statistic), result.estimators, log)
+    labels = (x_label or x, y_label or y, _label(rows, quantity, axis, statistic))
+    return sweep_map(rows, x, y, labels, result.estimators, log)
 
 
 def _label(rows: pd.DataFrame, quantity: str, axis: str, statistic: str) -> str:

@@ -18,15 +18,15 @@ _PANEL_IN = 2.6
 def sweep_lines(
     table: pd.DataFrame,
     x: str,
-    label: str,
+    labels: tuple[str, str],
     *,
     bound: pd.DataFrame | None = None,
     log_x: bool = False,
     log_y: bool = False,
 ) -> Figure:
-    """One line per ``line`` of a table (line, x, value, ci_low, ci_high) with interval bars; ``bound`` (x, value) dashed.
+    """One line per ``line`` of a table (line, x, value, ci_low, ci_high) with interval bars; bound (x, value) dashed.
 
-    x is the name of the parameter, also that of its column; label that of the vertical axis with its unit.
+    x is the column of the parameter; labels are those of the axes.
     """
     figure = new_figure(3.2)
     ax = figure.add_subplot()
@@ -47,16 +47,19 @@ def sweep_lines(
         ax.set_yscale("log")
     elif (table["value"] < 0).any() and (table["value"] > 0).any():
         ax.axhline(0, color="black", lw=0.7)
-    ax.set(xlabel=x, ylabel=label)
+    ax.set(xlabel=labels[0], ylabel=labels[1])
     legend(figure, [ax])
     return figure
 
 
 @styled
-def sweep_map(table: pd.DataFrame, x: str, y: str, label: str, panels: Sequence[str], log: bool = False) -> Figure:
+def sweep_map(
+    table: pd.DataFrame, x: str, y: str, labels: tuple[str, str, str], panels: Sequence[str], log: bool = False
+) -> Figure:
     """A statistic over two parameters, one panel per estimator, every cell with its number; one scale for all.
 
-    Columns estimator, x, y and value. The scale is blue below and red above zero where the statistic has a sign.
+    Columns estimator, x, y and value; labels are those of both axes and of the scale, which is blue below and red above
+    zero where the statistic has a sign.
     """
     columns = min(3, len(panels))
     rows = -(-len(panels) // columns)
@@ -80,10 +83,10 @@ def sweep_map(table: pd.DataFrame, x: str, y: str, label: str, panels: Sequence[
         ax.grid(False)
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
-    figure.supxlabel(x, fontsize=8.5)
-    figure.supylabel(y, fontsize=8.5)
+    figure.supxlabel(labels[0], fontsize=8.5)
+    figure.supylabel(labels[1], fontsize=8.5)
     if image is not None:
-        figure.colorbar(image, ax=axes, label=label, shrink=0.9)
+        figure.colorbar(image, ax=axes, label=labels[2], shrink=0.9)
     return figure
 
 
