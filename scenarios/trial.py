@@ -127,7 +127,8 @@ def _failures(e: Evaluation) -> list[dict[str, Any]]:
 
 def _measured(spec: Scenario) -> Scenario:
     """What world and view depend on: neither noise nor outliers nor estimators."""
-    seen = Measure(points=spec.measure.points, occlusion=spec.measure.occlusion, target=spec.measure.target)
+    m = spec.measure
+    seen = Measure(points=m.points, occlusion=m.occlusion, target=m.target, events=m.events)
     other = ("title", "source", "measure", "outliers")
     parts = {k: getattr(spec, k) for k in Scenario.model_fields if k not in other}
     return Scenario(title="", measure=seen, **parts)

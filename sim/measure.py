@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Bool, Float, Int
 from sim import meshes
 from sim.camera import StereoRig
 from sim.pose import Pose
+from sim.scenario import Event
 from sim.streams import stream
 from sim.visibility import facing, hidden
 from sim.world import Actor, World
@@ -20,6 +22,8 @@ Array = np.ndarray
 _POOL = 4
 # Share of the silhouette that KITTI's occlusion levels 0..3 hide in a replay.
 _HIDDEN_SHARE = np.array([0.0, 0.35, 0.75, 1.0])
+# Axis of the vehicle frame and direction along it of every side.
+_SIDES = {"front": (0, 1), "rear": (0, -1), "left": (1, 1), "right": (1, -1), "top": (2, 1), "bottom": (2, -1)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +114,18 @@ def _label_occlusion(level: Int[Array, "m"], uv: Float[Array, "m p 4"]) -> Bool[
     low, high = np.nanmin(u, axis=1, keepdims=True), np.nanmax(u, axis=1, keepdims=True)
     share = _HIDDEN_SHARE[np.clip(level, 0, 3)][:, None]
     return np.asarray((u >= low + share * (high - low)) & (level >= 0)[:, None] & ~empty[:, None])
+
+
+def scripted(pool: Pool, events: Sequence[Event], frames: int) -> Bool[Array, "m p"]:
+    """What the scripted births and deaths leave of the pool's points in every frame."""
+    left = np.ones((frames, len(pool.point_v)), bool)
+    for event in events:
+        axis, sign = _SIDES[event.side]
+        outwards = sign * pool.point_v[:, axis]
+        outermost = outwards >= outwards.max() - event.depth_m
+        gone = slice(None, event.frame) if event.kind == "birth" else slice(event.frame, None)
+        left[gone, outermost] = False
+    return left
 
 
 @dataclass(frozen=True, eq=False)

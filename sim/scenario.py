@@ -238,6 +238,16 @@ class Render(Spec):
     """Optical flow to the next frame, written beside the truth."""
 
 
+class Event(Spec):
+    """At a frame the outermost points on one side of the target come into view for good, or go out of it."""
+
+    kind: Literal["birth", "death"]
+    frame: Annotated[int, Field(ge=1)]
+    side: Literal["front", "rear", "left", "right", "top", "bottom"]
+    depth_m: Positive
+    """How far from that side a point may lie."""
+
+
 class Measure(Spec):
     """Measured points of the target."""
 
@@ -254,6 +264,8 @@ class Measure(Spec):
     occlusion: bool = True
     missing_frames: tuple[Annotated[int, Field(ge=0)], ...] = ()
     """Frames without any measurement."""
+    events: tuple[Event, ...] = ()
+    """Births and deaths of tracks, beside those that follow from the geometry."""
 
     @model_validator(mode="after")
     def _stated(self) -> Measure:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from sim.measure import Pool, Rows, follow, make_pool, pixel_noise, visibility
+from sim.measure import Pool, Rows, follow, make_pool, pixel_noise, scripted, visibility
 from sim.noise import Draft, Setting, apply_outliers
 from sim.observations import Observations, Tracks
 from sim.pose import Pose, exp_so3
@@ -32,10 +32,11 @@ class View:
 
 
 def look(scenario: Scenario, world: World) -> View:
-    """The view of a scenario's world; of ``measure`` it takes target, points and occlusion."""
+    """The view of a scenario's world; of ``measure`` it takes target, points, occlusion and events."""
     spec, name = scenario.measure, scenario.target.name
     pool = make_pool(world.actors[world.target], spec.points, stream(scenario.seed, 0, f"{name}/surface/points"))
     uv, seen = visibility(world, world.target, pool, spec.occlusion)
+    seen &= scripted(pool, spec.events, len(seen))
     return View(pool, uv, seen, follow(seen, spec.points))
 
 

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
-from sim.measure import Pool, camera_poses, follow, make_pool, pixel_noise, project_points, visibility
+from sim.measure import Pool, camera_poses, follow, make_pool, pixel_noise, project_points, scripted, visibility
 from sim.meshes import point_grid
-from sim.scenario import Scenario
+from sim.scenario import Event, Scenario
 from sim.world import World, build_world
 
 Array = np.ndarray
@@ -134,6 +134,32 @@ def test_a_grid_of_points_is_transparent(world: World) -> None:
     np.testing.assert_array_equal(pool.point_v, grid.solid_vertices)
     _, seen = visibility(replace(world, actors=(actor,), target=0), 0, pool, occlusion=True)
     assert seen.all()
+
+
+def test_scripted_births_and_deaths() -> None:
+    # Four layers of six points a metre apart: the rearmost is born as the foremost dies.
+    grid = Pool(point_grid((3.0, 1.0, 1.0), (4, 3, 2)).solid_vertices, None)
+    events = [
+        Event(kind="birth", frame=2, side="rear", depth_m=0.5),
+        Event(kind="death", frame=2, side="front", depth_m=0.5),
+    ]
+    left = scripted(grid, events, 5)
+    layer = np.searchsorted(np.unique(grid.point_v[:, 0]), grid.point_v[:, 0])
+    expected = np.array([[k >= 2, True, True, k < 2] for k in range(5)])
+    np.testing.assert_array_equal(left, expected[:, layer])
+    # All room is taken all the time, and no track of the middle ends.
+    rows = follow(left, 18)
+    np.testing.assert_array_equal(np.bincount(rows.frame), 18)
+    np.testing.assert_array_equal(np.sort(np.bincount(rows.track)), np.repeat([2, 3, 5], [6, 6, 12]))
+
+
+@pytest.mark.parametrize(("side", "axis", "sign"), [("left", 1, 1), ("right", 1, -1), ("top", 2, 1), ("bottom", 2, -1)])
+def test_sides_of_the_vehicle(side: str, axis: int, sign: int) -> None:
+    grid = Pool(point_grid((3.0, 1.0, 1.0), (4, 3, 2)).solid_vertices, None)
+    event = Event.model_validate({"kind": "death", "frame": 1, "side": side, "depth_m": 0.1})
+    gone = ~scripted(grid, [event], 2)[1]
+    outwards = sign * grid.point_v[:, axis]
+    np.testing.assert_array_equal(gone, outwards == outwards.max())
 
 
 @pytest.mark.parametrize(("level", "share"), [(0, 1.0), (1, 0.65), (2, 0.25), (3, 0.0), (-1, 0.0)])
