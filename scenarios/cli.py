@@ -1,4 +1,4 @@
-"""The command line: list, run, schema, test. Its contract of names, files and exit statuses is in the README.
+"""The command line: list, run, study, schema, test. Its contract of names, files and exit statuses is in the README.
 
 Exit status 0 done; 1 a check failed, or no estimator gave anything; 2 the user's input is wrong (one line on standard
 error); 3 an exception: a bug or a broken renderer.
@@ -27,7 +27,7 @@ from sim.scenario import ScenarioError, nearest
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-_COMMANDS = ("list", "run", "schema", "test")
+_COMMANDS = ("list", "run", "study", "schema", "test")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -40,7 +40,7 @@ class _Parser(argparse.ArgumentParser):
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="pruefstand", description="Simulation and evaluation test bench for motion from images.")
     commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=_Parser)
-    commands.add_parser("list", help="scenarios and estimators, each with one line and its source")
+    commands.add_parser("list", help="scenarios, studies and estimators, each with one line and its source")
     run = commands.add_parser("run", help="simulate, estimate and report one scenario")
     run.add_argument("scenario", metavar="NAME|FILE.toml")
     run.add_argument(
@@ -53,9 +53,32 @@ def _parser() -> argparse.ArgumentParser:
         "--stage", choices=("simulate", "track", "estimate", "report"), default="report", help="stop after it"
     )
     run.add_argument("--overwrite", action="store_true", help="replace results of another configuration")
-    commands.add_parser("schema", help="JSON Schema of scenario files")
+    _add_study(commands.add_parser("study", help="simulate, estimate and report many runs of what a study file varies"))
+    schema = commands.add_parser("schema", help="JSON Schema of scenario or study files")
+    schema.add_argument("kind", nargs="?", choices=("scenario", "study"), default="scenario")
     commands.add_parser("test", help="the whole test suite with lint, types and house order")
     return parser
+
+
+def _add_study(study: argparse.ArgumentParser) -> None:
+    study.add_argument("study", metavar="NAME|FILE.toml")
+    study.add_argument("--runs", type=int, help="of every point; by default the file's")
+    where = study.add_mutually_exclusive_group()
+    where.add_argument(
+        "--workers", type=_positive, metavar="N", help="processes on this machine; default: one per core"
+    )
+    where.add_argument("--scheduler", metavar="tcp://...", help="a running Dask scheduler")
+    study.add_argument("--set", dest="settings", action="append", default=[], metavar="KEY=VALUE", help="at all points")
+    study.add_argument("--seed", type=int)
+    study.add_argument("--out", type=Path, metavar="DIR", help="default: runs/NAME-SEED")
+    study.add_argument("--overwrite", action="store_true", help="replace results of another configuration")
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"should be 1 or more, found {number}")
+    return number
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -107,10 +130,12 @@ def _dispatch(parsed: argparse.Namespace) -> int:
     if parsed.command == "list":
         return _list()
     if parsed.command == "schema":
-        from scenarios.spec import json_schema
+        from scenarios import spec, study_spec
 
-        print(json.dumps(json_schema(), indent=2))
+        print(json.dumps({"scenario": spec, "study": study_spec}[parsed.kind].json_schema(), indent=2))
         return 0
+    if parsed.command == "study":
+        return _study(parsed)
     return _test()
 
 
@@ -132,16 +157,36 @@ def _run(parsed: argparse.Namespace) -> int:
     return 0 if outcome.any_estimate or parsed.stage in ("simulate", "track") else 1
 
 
+def _study(parsed: argparse.Namespace) -> int:
+    from scenarios import study
+    from scenarios.study_console import Progress
+    from scenarios.study_work import StudyStopped
+
+    progress = Progress(Console())
+    asked = study.Asked(**{f: getattr(parsed, f) for f in study.Asked.__dataclass_fields__})
+    try:
+        outcome = study.run(asked, progress)
+    except StudyStopped as error:
+        Console(stderr=True, soft_wrap=True).print(
+            f"pruefstand: {error}; what is done is stored, the same command goes on", markup=False, highlight=False
+        )
+        return 3
+    for reason, count in outcome.failed.items():
+        progress.say(f"{count} failed {'run' if count == 1 else 'runs'}: {reason}")
+    progress.say(f"report  {outcome.folder / 'report.html'}")
+    return 1 if outcome.failed else 0
+
+
 def _list() -> int:
     from estimators import registry
     from estimators.estimate import describe
-    from scenarios.spec import names
+    from scenarios import spec, study_spec
 
     console = Console()
     table = Table(box=None, pad_edge=False, show_edge=False, title_justify="left")
     for column in ("name", "what", "source"):
         table.add_column(column, overflow="fold")
-    for name, path in names().items():
+    for name, path in (spec.names() | study_spec.names()).items():
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         table.add_row(name, data["title"], data.get("source", ""))
     for name, cls in registry().items():

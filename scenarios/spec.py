@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import operator
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
@@ -103,12 +103,16 @@ def find(name_or_file: str) -> Path:
     Raises
         ScenarioError: there is neither such a scenario nor such a file.
     """
-    known = names()
+    return find_in(names(), "scenario", name_or_file)
+
+
+def find_in(known: Mapping[str, Path], kind: str, name_or_file: str) -> Path:
+    """The file of what is known by a name, or is a file itself."""
     if name_or_file in known:
         return known[name_or_file]
     path = Path(name_or_file)
     if path.suffix != ".toml" and not path.exists():
-        raise ScenarioError(f"no scenario {name_or_file!r}, {nearest(name_or_file, list(known))}")
+        raise ScenarioError(f"no {kind} {name_or_file!r}, {nearest(name_or_file, list(known))}")
     if not path.is_file():
         raise ScenarioError(f"{path}: no such file")
     return path

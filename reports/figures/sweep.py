@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from matplotlib.colors import LogNorm, Normalize, TwoSlopeNorm
+from matplotlib.colors import LogNorm, Normalize, SymLogNorm
 from matplotlib.figure import Figure
 
 from reports.figures.style import GREY, color, legend, marker, new_figure, styled
@@ -67,6 +67,8 @@ def sweep_map(
     figure = new_figure(0.5 + rows * min(_PANEL_IN, 0.9 + 0.3 * len(ys)))
     axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     norm, cmap = _scale(table["value"].to_numpy(float), log)
+    largest = float(table["value"].abs().max())
+    digits = max(0, 2 - int(np.floor(np.log10(largest)))) if largest > 0 else 0
     image = None
     for ax, panel in zip(axes.flat, panels, strict=False):
         part = table[table["estimator"] == panel]
@@ -75,8 +77,8 @@ def sweep_map(
         for i, j in np.argwhere(np.isfinite(grid)):
             r, g, b, _ = image.cmap(norm(grid[i, j]))
             dark = 0.3 * r + 0.6 * g + 0.1 * b < 0.5
-            text = f"{grid[i, j]:.2g}"
-            ax.text(j, i, text, ha="center", va="center", fontsize=7, color="white" if dark else "black")
+            text = f"{grid[i, j]:.{digits}f}".replace("-", "−")
+            ax.text(j, i, text, ha="center", va="center", fontsize=6.5, color="white" if dark else "black")
         ax.set_title(panel)
         ax.set_xticks(range(len(xs)), [f"{v:g}" for v in xs])
         ax.set_yticks(range(len(ys)), [f"{v:g}" for v in ys])
@@ -96,5 +98,5 @@ def _scale(values: np.ndarray, log: bool) -> tuple[Normalize, str]:
         return LogNorm(values.min(), values.max()), "viridis"
     if len(values) and values.min() < 0:
         reach = float(np.abs(values).max())
-        return TwoSlopeNorm(0, -reach, reach), "RdBu_r"
+        return SymLogNorm(reach / 20, vmin=-reach, vmax=reach), "RdBu_r"
     return Normalize(0, float(values.max()) if len(values) else 1), "viridis"
