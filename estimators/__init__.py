@@ -6,7 +6,10 @@ a callable class whose constructor is its configuration).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import entry_points
+from types import MappingProxyType
 from typing import Any
 
 from estimators.stereo.sliding_window import SlidingWindowAdjustment
@@ -14,7 +17,8 @@ from estimators.stereo.sliding_window import SlidingWindowAdjustment
 ESTIMATORS: dict[str, type[Any]] = {"sliding_window_adjustment": SlidingWindowAdjustment}
 
 
-def registry() -> dict[str, type[Any]]:
+@cache
+def registry() -> Mapping[str, type[Any]]:
     """The built-in estimators and those of installed plug-ins; a plug-in cannot replace a built-in one."""
     plugins = {e.name: e.load() for e in entry_points(group="pruefstand.estimators")}
-    return plugins | ESTIMATORS
+    return MappingProxyType(plugins | ESTIMATORS)
