@@ -906,7 +906,14 @@ def without_datum(S: Array, scale: Array, G: Array) -> Array:
             M[a, b] = S[a, b] * inverse[a] * inverse[b]
     SG = np.dot(M, G)
     B = SG - np.dot(G, 0.5 * (np.dot(G.T, SG) + np.eye(G.shape[1])))
-    M -= np.dot(np.concatenate((G, B), axis=1), np.concatenate((B, G), axis=1).T)
+    # No product of the library's: from this size on it might start threads.
+    G_rows, B_rows = np.ascontiguousarray(G.T), np.ascontiguousarray(B.T)
+    for a in range(len(M)):
+        row = M[a]
+        for k in range(G.shape[1]):
+            g, b, G_k, B_k = G[a, k], B[a, k], G_rows[k], B_rows[k]
+            for c in range(len(M)):
+                row[c] -= g * B_k[c] + b * G_k[c]
     return M
 
 
