@@ -47,6 +47,7 @@ Array = np.ndarray
 WINDOW = 10
 VARIANTS: dict[str, dict[str, Any]] = {
     "observed": {"weights": "observed", "second_order": False},
+    "observed, unscented": {"weights": "observed", "propagation": "unscented", "second_order": False},
     "averaged": {"weights": "averaged", "second_order": False},
     "estimated": {"weights": "estimated", "second_order": False},
     "estimated + 2nd order": {"weights": "estimated", "second_order": True},

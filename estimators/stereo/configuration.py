@@ -10,10 +10,13 @@ from estimators.stereo.conditions import RotationAxis, Smoothing
 from estimators.stereo.depth_bias import Weights
 from estimators.stereo.initial_values import Axes
 from estimators.stereo.object_motion import Stop
+from estimators.stereo.triangulation import Propagation
 
 Selection = Literal["sliding", "thinned", "growing", "whole"]
 Solver = Literal["newton", "gauss_newton", "line_search", "levenberg_marquardt"]
 Outliers = Literal["none", "ransac", "points", "points_source", "tracks", "tracks_source", "robust"]
+
+_WHY = {"propagation": "says nothing where weights are estimated; expected linear"}
 
 
 @dataclass(frozen=True)
@@ -24,9 +27,10 @@ class Configuration:
         window: number of frames m; start_window: m0, the first adjustment waits for so many; selection: "sliding" the
         last m frames, "thinned" older ones ever farther apart, "growing" all up to the newest, "whole" one adjustment
         of the whole sequence; skipped: frames left out; min_overlap: frames a track shares with the window at least.
-    Weights (4.1.2-4.1.3)
-        weights "observed", "averaged" or "estimated"; second_order correction of the triangulated points; space:
-        "object" adjusts these points, "image" goes on from there to the least reprojection error, as a yardstick.
+    Weights (3.1.5, 4.1.2-4.1.3)
+        propagation of the image covariance to the points, "linear" or "unscented"; weights "observed" from it,
+        "averaged", or "estimated" at the adjusted points (linear); second_order correction of the triangulated points;
+        space: "object" adjusts these points, "image" goes on to the least reprojection error, as a yardstick.
     Solver (2.1, 2.2, 3.5)
         "newton" ours, points solved anew for the poses of every iteration; the source's "gauss_newton", "line_search",
         "levenberg_marquardt" by bordered normal equations; stop, tolerance, max_iterations (2.1.5).
@@ -47,6 +51,7 @@ class Configuration:
     selection: Selection = "sliding"
     skipped: tuple[int, ...] = ()
     min_overlap: int = 2
+    propagation: Propagation = "linear"
     weights: Weights = "estimated"
     second_order: bool = True
     space: Literal["object", "image"] = "object"
@@ -69,6 +74,7 @@ class Configuration:
             "start_window": 2 <= self.start_window <= self.window,
             "skipped": all(frame >= 0 for frame in self.skipped),
             "min_overlap": 2 <= self.min_overlap <= self.window,
+            "propagation": self.propagation == "linear" or self.weights != "estimated",
             "tolerance": self.tolerance > 0,
             "max_iterations": self.max_iterations >= 1,
             "extent_m": 0 <= self.extent_m < float("inf"),
@@ -77,4 +83,4 @@ class Configuration:
         for name, good in allowed.items():
             if not good:
                 found = operator.attrgetter(name)(self)
-                raise ValueError(f"SlidingWindowAdjustment.{name}: {found} is out of range")
+                raise ValueError(f"SlidingWindowAdjustment.{name}: {found} {_WHY.get(name, 'is out of range')}")

@@ -28,7 +28,7 @@ class SlidingWindowAdjustment(Configuration):
 
     def __call__(self, observations: Observations) -> TrajectoryEstimate | EstimationFailed:
         started = time.perf_counter()
-        points = triangulated(observations)
+        points = triangulated(observations, self.propagation)
         results: list[WindowEstimate] = []
         failures: list[Failure] = []
         for newest, window in self._windows(windows.without(np.unique(points.frame), self.skipped), observations):

@@ -26,9 +26,9 @@ from estimators.stereo.object_motion import (
     motion_covariance,
     redundancy,
 )
-from estimators.stereo.outliers import DETECTORS, PriorKnowledge, select_points
+from estimators.stereo.outliers import DETECTORS, PriorKnowledge, Verdict, select_points
 from estimators.stereo.solvers import adjust_full
-from estimators.stereo.triangulation import triangulate, undistorted
+from estimators.stereo.triangulation import Propagation, triangulate, undistorted
 from sim.camera import StereoRig
 from sim.observations import Observations
 from sim.pose import Pose
@@ -42,6 +42,8 @@ _EASY, _SURPRISE = 6, 1.5
 # Starts that together find the least reprojection error most often; see benchmarks/start_values.py.
 _BEST_AXES: tuple[initial_values.Axes, ...] = ("unrotated", "principal_axes_xz")
 _TURN_RADPS = 0.3
+# Newton decrement that is enough to tell outliers.
+_ROUGH = 1e-2
 _HINTS = ("too few or collinear tracks", "outliers among the tracks")
 
 
@@ -64,11 +66,11 @@ class Points:
         return Points(self.rig, *(x[rows] for x in (self.frame, self.track, self.l, self.C, self.uv, self.W_uv)))
 
 
-def triangulated(observations: Observations) -> Points:
+def triangulated(observations: Observations, propagation: Propagation) -> Points:
     """The observations as points, but for those whose rays do not meet in front of the cameras."""
     tracks = observations.tracks
     rig, uv, cov = undistorted(observations.rig, tracks.uv, tracks.cov)
-    l, C = triangulate(rig, uv, cov)
+    l, C = triangulate(rig, uv, cov, propagation)
     good = np.isfinite(l).all(axis=1)
     return Points(rig, tracks.frame[good], tracks.track[good], l[good], C[good], uv[good], np.linalg.inv(cov[good]))
 
@@ -122,6 +124,17 @@ class _Fit:
         return self.conditions is not None and self.conditions.tied
 
 
+def _sum(images: ImageProblem, fit: _Fit) -> float:
+    return images.cost(*fit.motion)
+
+
+def _median(images: ImageProblem, fit: _Fit) -> float:
+    """Says more than the sum where there are outliers; infinite where many points are behind the cameras."""
+    v = images.residuals(*fit.motion)
+    squares = np.einsum("ka,kab,kb->k", v, images.W_uv, v)
+    return float(np.median(np.nan_to_num(squares, nan=np.inf)))
+
+
 def adjust_window(
     config: Configuration,
     observations: Observations,
@@ -167,41 +180,57 @@ class _Adjustment:
         if c.extent_m:
             cov = np.linalg.inv(w.points.W_uv)
             inlier = PriorKnowledge(c.extent_m)(w.points.rig, cov, w.problem.frame, w.problem.point, w.problem.l)
-        near = w.without(inlier)
-        fit = self.best(near, self._propagated(w.frames))
-        good = near
+        good = w.without(inlier)
+        start = self._propagated(w.frames)
+        tied = 0 if start is None else c.smoothing.tied
         if c.outliers != "none":
-            verdict = DETECTORS[c.outliers](near.problem, fit.start, self.solve)
+            verdict = self._verdict(good, start)
             kept = np.flatnonzero(inlier)
             inlier[kept[~verdict.inlier]] = False
             if verdict.second_group is not None:
                 second[kept[verdict.second_group]] = True
-            good = near.without(verdict.inlier)
-            solution = verdict.solution
-            if fit.conditions is not None:
-                solution = self.solve(good.problem, fit.start, fit.conditions)
-            fit = self.fitted(good.problem, fit.start, fit.conditions, solution)
+            good = good.without(verdict.inlier)
+            start = (verdict.solution.R, verdict.solution.T) if start is None else start
+        fit = self.best(good, start, tied)
         if c.space == "image":
             solution = adjust_images(good.images, fit.solution, c.stop, c.tolerance, c.max_iterations, fit.conditions)
             fit = replace(fit, solution=solution, r=fit.r + len(good.problem.frame))
         return good, inlier, second, fit
 
-    def best(self, w: _Window, propagated: Poses | None) -> _Fit:
-        """Fit from the last window; where that fails or is doubtful, of it and the cloud's the best reprojected one.
+    def _verdict(self, w: _Window, start: Poses | None) -> Verdict:
+        """What the detector says, of adjustments that need not end as sharply as the last one.
 
-        v'Wv would not compare them: estimated weights fall with the distance of the points.
+        The statistical tests and RANSAC weigh points where they are seen: estimated weights make a track that was
+        triangulated far too far away outweigh all others.
+        """
+        detector = self.config.outliers
+        rough = replace(self.config, stop="decrement", tolerance=max(self.config.tolerance, _ROUGH))
+        if detector == "robust":
+            start = next(self._cloud_starts(w.problem)) if start is None else start
+            return DETECTORS[detector](w.problem, start, replace(self, config=rough).solve)
+        seeing = replace(self, config=replace(rough, weights="observed", propagation="linear"))
+        seen = _Window.of(w.points, w.frames, seeing.config)
+        return DETECTORS[detector](seen.problem, seeing.best(seen, start, 0, _median).start, seeing.solve)
+
+    def best(
+        self, w: _Window, start: Poses | None, tied: int, misfit: Callable[[ImageProblem, _Fit], float] = _sum
+    ) -> _Fit:
+        """Fit from a start; where that fails or is doubtful, of it and the cloud's the best reprojected one.
+
+        v'Wv would not compare them: estimated weights fall with the distance of the points. misfit: what is compared
+        of the weighted squares of the image residuals.
         """
         tried: list[_Fit | SingularSystem] = []
-        if propagated is not None:
-            tried.append(self._attempt(w, propagated, self.config.smoothing.tied))
+        if start is not None:
+            tried.append(self._attempt(w, start, tied))
             if isinstance(tried[0], _Fit) and _is_trusted(tried[0]):
                 return tried[0]
-        tried += [self._attempt(w, start, 0) for start in self._cloud_starts(w.problem)]
+        tried += [self._attempt(w, cloud, 0) for cloud in self._cloud_starts(w.problem)]
         found = [fit for fit in tried if isinstance(fit, _Fit)]
         if not found:
             raise next(error for error in tried if isinstance(error, SingularSystem))
         images = w.images if len(found) > 1 else None
-        return found[0] if images is None else min(found, key=lambda fit: images.cost(*fit.motion))
+        return found[0] if images is None else min(found, key=lambda fit: misfit(images, fit))
 
     def _propagated(self, frames: Array) -> Poses | None:
         last = self.previous
