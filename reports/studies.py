@@ -1,15 +1,16 @@
-"""What a study found: its tables over all points and runs, and the registry of tables and figures made of it.
+"""What a study found: its tables over all points and runs, and the tables and figures any study can make of them.
 
-A registered function takes the `StudyResult` and keyword arguments, which are its options in the study file:
+A function registered in `reports.outputs` takes the `StudyResult` and keyword arguments, which are its options in the
+study file:
 
     [[figure]]
-    name = "sweep"; over = "measure.sigma_px"; statistic = "rms"
+    name = "lines"; over = "measure.sigma_px"; statistic = "rms"
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -146,7 +147,7 @@ def metrics(
     return found.drop(columns="point")
 
 
-def sweep(
+def lines(
     result: StudyResult,
     *,
     over: str,
@@ -194,7 +195,3 @@ def _label(rows: pd.DataFrame, quantity: str, axis: str, statistic: str) -> str:
     what = quantity.replace("_", " ") + (f" {axis}" if axis != "all" else "")
     unit = rows["unit"].iloc[0] if len(rows) else "1"
     return f"{statistic} of {what}" + (f" [{unit}]" if unit != "1" else "")
-
-
-TABLES: dict[str, Callable[..., pd.DataFrame]] = {"metrics": metrics}
-FIGURES: dict[str, Callable[..., Figure]] = {"sweep": sweep, "heat_map": heat_map}

@@ -12,8 +12,9 @@ import pandas as pd
 
 from reports import display
 from reports.html import embedded, template
+from reports.outputs import FIGURES, TABLES
 from reports.run import save_figures
-from reports.studies import FIGURES, TABLES, StudyResult, load_study
+from reports.studies import StudyResult, load_study
 from sim.archive import write_atomically, write_text
 
 T = TypeVar("T")

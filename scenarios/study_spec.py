@@ -8,7 +8,7 @@
     [[sweep]]
     kind = "sobol"; points = 16; ranges = { vehicle.0.motion.speed_mps = [5.0, 20.0] }
     [[figure]]
-    name = "sweep"; over = "measure.sigma_px"
+    name = "lines"; over = "measure.sigma_px"
 
 A key is dotted as for ``--set``, ``*`` for every item of a list. Written as one quoted string it takes a table as its
 value; nested tables are keys of their own.
@@ -25,7 +25,7 @@ from typing import Annotated, Any, Literal, get_type_hints
 
 from pydantic import Field, ValidationError, create_model, field_validator, model_validator
 
-from reports.studies import FIGURES, TABLES
+from reports.outputs import FIGURES, TABLES
 from scenarios import spec
 from scenarios.trial import KEEP, QUANTITIES
 from sim.scenario import Name, ScenarioError, Spec, explain, nearest
@@ -251,10 +251,16 @@ def read(
         lay_all(base, {"render.enabled": False} | study.set, path.parent)
         spec.validated(base)
     except ScenarioError as error:
-        key = "set." if any(str(error).startswith(k) for k in study.set) else ""
-        raise ScenarioError(f"{path.name}: {key}{error}") from error
+        prefix = "set." if any(concerns(error, key) for key in study.set) else ""
+        raise ScenarioError(f"{path.name}: {prefix}{error}") from error
     _override(study, base, settings)
     return study, base
+
+
+def concerns(error: ScenarioError, key: str) -> bool:
+    """Whether an error that begins with a key is about this one, or what lies in it or above it."""
+    named = str(error).partition(":")[0]
+    return named.startswith(key) or key.startswith(named)
 
 
 def scenario_file(study: StudySpec, path: Path) -> Path:

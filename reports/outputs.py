@@ -1,0 +1,14 @@
+"""The registry of tables and figures a study file may name, and what they are made by."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from reports import siegemund
+from reports.studies import heat_map, lines, metrics
+
+TABLES: dict[str, Callable[..., pd.DataFrame]] = {"metrics": metrics, **siegemund.TABLES}
+FIGURES: dict[str, Callable[..., Figure]] = {"lines": lines, "heat_map": heat_map, **siegemund.FIGURES}
