@@ -16,6 +16,7 @@ that over ground.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import Literal
 
@@ -140,6 +141,7 @@ class Conditions:
         return PseudoObservations(np.concatenate([e.ravel(), e_axis.ravel()]), J, P, count + 2 * m)
 
 
+@functools.cache
 def no_terms(m: int) -> Terms:
     """Nothing is known beyond the observations."""
     none, all_6 = np.zeros((0, 6, 6)), np.eye(6)

@@ -8,8 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from estimators.gauss_markov import sum_by
+from estimators.stereo.kernel import extrapolated
 from estimators.stereo.object_motion import Problem, align
-from sim.pose import exp_so3, log_so3
+from sim.pose import exp_so3
 
 Array = np.ndarray
 Axes = Literal["unrotated", "principal_axes_xz", "principal_axes"]
@@ -176,6 +177,6 @@ def extrapolate(
     R: Float[Array, "2 3 3"], T: Float[Array, "2 3"], t_s: Float[Array, "2"], t_new_s: float
 ) -> tuple[Float[Array, "3 3"], Float[Array, "3"]]:
     """Pose at a new time from the two before it, any time steps: (3.7.10)-(3.7.12)."""
-    ratio = (t_new_s - t_s[1]) / (t_s[1] - t_s[0])
-    r_diff = log_so3(R[1] @ R[0].T)
-    return np.asarray(exp_so3(ratio * r_diff) @ R[1]), np.asarray(T[1] + ratio * (T[1] - T[0]))
+    ratio = float((t_new_s - t_s[1]) / (t_s[1] - t_s[0]))
+    R_new, T_new = extrapolated(np.ascontiguousarray(R), np.ascontiguousarray(T), ratio)
+    return R_new, T_new

@@ -711,6 +711,14 @@ def _rotation_vector(R: Array) -> Array:
 
 @compiled
 @no_type_check
+def extrapolated(R: Array, T: Array, ratio: float) -> tuple[Array, Array]:
+    """Pose after the two of R (2, 3, 3) and T (2, 3), by a multiple of their motion, (3.7.10)-(3.7.12)."""
+    turn = _rotation(ratio * _rotation_vector(R[1] @ R[0].T))
+    return turn @ R[1], T[1] + ratio * (T[1] - T[0])
+
+
+@compiled
+@no_type_check
 def _left_jacobian(r: Array) -> Array:
     """exp(r + dr) = exp(J dr) exp(r)."""
     a2 = np.dot(r, r)
