@@ -17,7 +17,7 @@ from distributed import Client, LocalCluster
 from scenarios.study_store import trial_digest
 from sim.scenario import ScenarioError
 
-_CONNECT_S = 10
+_CONNECT_S = 5
 _WORKERS_S = 30
 # What must agree for results, and the messages that carry them, to be the same.
 _PACKAGES = ("dask", "distributed", "numpy", "scipy", "numba", "pandas", "pyarrow", "pydantic")

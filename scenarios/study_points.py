@@ -14,7 +14,7 @@ from typing import Any
 from scipy.stats import qmc
 
 from scenarios import spec
-from scenarios.study_spec import Grid, LatinHypercube, PointList, Settings, Sobol, StudySpec, lay_all
+from scenarios.study_spec import Grid, LatinHypercube, PointList, Settings, Sobol, StudySpec, concerns, lay_all
 from sim.scenario import ScenarioError
 from sim.streams import stream
 
@@ -52,7 +52,7 @@ def expand(study: StudySpec, base: Settings, folder: Path) -> list[Point]:
             lay_all(data, settings, folder)
             points[name] = Point(settings, name, spec.validated(data))
         except ScenarioError as error:
-            where = next((w for w, key in study.swept_keys() if str(error).startswith(key)), "sweep")
+            where = next((w for w, key in study.swept_keys() if concerns(error, key)), "sweep")
             raise ScenarioError(f"{where}: {error} (at {name})") from error
     return list(points.values())
 
