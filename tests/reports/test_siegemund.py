@@ -11,8 +11,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from reports.siegemund import detectors
+from estimators.estimate import WindowEstimate
+from reports.run import Run
+from reports.siegemund import datum, depth, detectors
+from reports.siegemund.over_time import over_time
 from reports.studies import StudyResult
+from sim.pose import Pose
 
 Array = np.ndarray
 
@@ -91,3 +95,81 @@ def test_outlier_figure_shows_ours_and_the_source() -> None:
     for ax, values in ((left, [15.3, 0]), (right, [0, 7])):
         published = [line for line in ax.get_lines() if line.get_label() == "points, source"]
         np.testing.assert_array_equal(published[0].get_xdata(), values)
+
+
+def errors(
+    labels: tuple[str, ...], biases: tuple[float, ...], quantity: str = "position", axis: str = "z"
+) -> StudyResult:
+    """Two runs of three frames; the error is the bias plus 0.1 in one run and minus 0.1 in the other."""
+    rows = [
+        {
+            "point": "",
+            "run": run,
+            "estimator": e,
+            "quantity": quantity,
+            "t_s": 0.04 * k,
+            "entity": "target",
+            "axis": axis,
+        }
+        | {"error": b + (0.1, -0.1)[run], "truth": 70 - k, "bound": 0.05, "distance_m": 70 - k, "sigma": 0.1}
+        for (e, b), run, k in itertools.product(zip(labels, biases, strict=True), range(2), range(3))
+    ]
+    support = pd.DataFrame(
+        [{"point": "", "run": r, "estimator": e, "windows": 3, "failed": 0} for e in labels for r in (0, 1)]
+    ).assign(wanted=3, estimated=3, overlap=10, over_ground=False)
+    nothing = pd.DataFrame(columns=["point", "run", "estimator", "reason", "quantity", "nees", "disjoint"])
+    outliers = nothing.assign(tp=0, fp=0, fn=0, flagged=0)
+    return result(
+        {"": {}},
+        labels,
+        comparison=pd.DataFrame(rows),
+        support=support,
+        failures=nothing,
+        nees=nothing,
+        outliers=outliers,
+    )
+
+
+def test_errors_over_time_pool_the_runs() -> None:
+    table = over_time(errors(("observed", "estimated"), (-1.0, 0.2)), "position", "z")
+    observed = table[table["estimator"] == "observed"]
+    np.testing.assert_allclose(observed["mean"], -1.0)
+    # Standard deviation of +-0.1 is sqrt(0.02), of its mean over two runs 0.1.
+    np.testing.assert_allclose(observed["high"] - observed["mean"], 1.96 * 0.1)
+    np.testing.assert_allclose(observed["q_high"], -1 + 0.1 - 0.025 * 0.2)
+    np.testing.assert_allclose(observed["distance_m"], [70, 69, 68])
+
+
+def test_depth_table_has_the_bias_beside_the_source() -> None:
+    table = depth.depth_table(errors(("observed", "image space"), (-1.0, 0.0))).set_index("estimator")
+    assert table.loc["observed", "bias [m]"] == pytest.approx(-1)
+    assert table.loc["image space", "rms [m]"] == pytest.approx(0.1)
+    assert table.loc["image space", "efficiency"] == pytest.approx(0.5)
+    assert table.loc["observed", "source"] == "too near (4.1.4)"
+    assert table.loc["image space", "source"] == ""
+
+
+def test_depth_figure_zooms_and_has_a_line_per_estimator() -> None:
+    labels = ("observed", "averaged", "estimated")
+    figure = depth.depth_error(errors(labels, (-1.0, -0.2, 0.2)), zoom_m=0.5)
+    whole, zoom = figure.axes
+    assert zoom.get_ylim() == (-0.5, 0.5)
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == list(labels)
+    means = {line.get_label(): line.get_ydata() for line in whole.get_lines() if line.get_label() in labels}
+    np.testing.assert_allclose(means["observed"], -1.0)
+
+
+def test_an_origin_that_moves_on_the_object_is_seen(world: Any) -> None:
+    changed, shift = 20, np.array([0.0, 0.0, 1.25])
+
+    def moved(w: WindowEstimate) -> WindowEstimate:
+        new = Pose(np.eye(3), shift) if w.frames[0] >= changed else Pose(np.eye(3), np.zeros(3))
+        return replace(w, T_co=w.T_co @ new, X_o=new.inv().apply(w.X_o))
+
+    run = Run(Path("nowhere"), "", {}, {}, world.truth, world.observations, {"cloud": world.with_windows(moved)})
+    path = datum.origin_path(run, "cloud", changed)
+    strayed = np.stack([path[f"estimate_{a}"] - path[f"truth_{a}"] for a in "xyz"], axis=1)
+    settled = path["settled"].to_numpy(bool)
+    assert settled.any()
+    np.testing.assert_allclose(np.linalg.norm(strayed[settled], axis=1), 1.25, atol=1e-9)
+    np.testing.assert_allclose(strayed[~settled], 0, atol=1e-9)
