@@ -34,7 +34,7 @@ from reports.errors import compare_windows
 from reports.figures.style import TRUTH, color, new_figure, styled
 from reports.windows import standard_deviations
 from scenarios.spec import read
-from sim.simulate import simulate
+from sim.simulate import look, simulate
 from sim.streams import stream
 from sim.world import build_world
 
@@ -70,15 +70,16 @@ class Job:
 
 
 @functools.cache
-def _world(scenario: str) -> tuple[Any, Any]:
+def _scene(scenario: str) -> tuple[Any, Any, Any]:
     spec = read(scenario, ["render.enabled=false"])
-    return spec, build_world(spec)
+    world = build_world(spec)
+    return spec, world, look(spec, world)
 
 
 def one_run(job: Job) -> pd.DataFrame:
     """True and estimated speed and yaw rate of every window, with the bound of what the estimator knows."""
-    spec, world = _world(job.scenario)
-    observations, truth = simulate(spec, job.run, world)
+    spec, world, view = _scene(job.scenario)
+    observations, truth = simulate(spec, job.run, world, view)
     estimate = job.estimator(observations)
     if isinstance(estimate, EstimationFailed):
         return pd.DataFrame()
