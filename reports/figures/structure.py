@@ -71,9 +71,7 @@ def structure(small: BorderedSystem, large: BorderedSystem, names: Sequence[Name
         for part in _COLORS
         if part in used
     ]
-    figure.legend(
-        handles=handles, loc="outside upper left", ncols=4, frameon=False, handletextpad=0.2, columnspacing=1.5
-    )
+    figure.legend(handles=handles, loc="outside upper left", ncols=4, frameon=False, handlelength=1, columnspacing=1)
     return figure
 
 

@@ -13,7 +13,7 @@ import pytest
 
 from estimators.estimate import WindowEstimate
 from reports.run import Run
-from reports.siegemund import datum, depth, detectors
+from reports.siegemund import clouds, datum, depth, detectors, matrices, motion
 from reports.siegemund.over_time import over_time
 from reports.studies import StudyResult
 from sim.pose import Pose
@@ -173,3 +173,52 @@ def test_an_origin_that_moves_on_the_object_is_seen(world: Any) -> None:
     assert settled.any()
     np.testing.assert_allclose(np.linalg.norm(strayed[settled], axis=1), 1.25, atol=1e-9)
     np.testing.assert_allclose(strayed[~settled], 0, atol=1e-9)
+
+
+def test_trajectory_is_that_of_the_first_run_in_degrees() -> None:
+    study = errors(("known",), (0.5,), "yaw_rate", "all")
+    figure = motion.trajectory(study, parameters=("yaw_rate all",))
+    left, right = figure.axes
+    points = next(line for line in left.get_lines() if line.get_label() == "one run")
+    np.testing.assert_allclose(points.get_ydata(), np.rad2deg(70 - np.arange(3) + 0.6))
+    mean = next(line for line in right.get_lines() if "mean" in str(line.get_label()))
+    np.testing.assert_allclose(mean.get_ydata(), np.rad2deg(0.5))
+    table = motion.trajectory_table(study, parameters=("yaw_rate all",))
+    assert table.loc[0, "unit"] == "deg/s"
+    assert table.loc[0, "bias"] == pytest.approx(np.rad2deg(0.5))
+    assert table.loc[0, "efficiency"] == pytest.approx(np.sqrt(0.05**2 / 0.26))
+
+
+def test_a_parameter_that_is_none_is_refused() -> None:
+    with pytest.raises(ValueError, match="'speed'"):
+        motion.trajectory(errors(("known",), (0.0,)), parameters=("speed",))
+
+
+def test_clouds_of_a_perfect_estimate_are_the_truth(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = Run(Path("nowhere"), "", {}, {}, world.truth, world.observations, {"known": world.estimate})
+    study = errors(("known",), (0.0,))
+    monkeypatch.setattr(StudyResult, "example", lambda *_: run)
+    last = world.estimate.windows[-1]
+    depths = world.truth.points_c(last.frames, last.track)[:, :, 2].mean(axis=1)
+    (near,) = clouds.clouds(study, (float(depths[3]),))
+    assert near.true[:, 2].mean() == pytest.approx(depths[3])
+    for cloud in (near.triangulated, near.adjusted):
+        np.testing.assert_allclose(cloud, near.true, atol=1e-6)
+    table = clouds.cloud_table(study, distances_m=(float(depths[0]),))
+    assert table.loc[0, "points"] == len(last.track)
+    figure = clouds.point_clouds(study, distances_m=(float(depths[0]), float(depths[-1])))
+    assert len(figure.axes) == 6
+
+
+def test_system_of_a_run_has_its_sizes(world: Any) -> None:
+    """Three coordinates per observation; columns for all points and poses; a known axis takes two turns a frame."""
+    config = {"name": "known", "weights": "estimated", "second_order": True}
+    known = {"smoothing": {"translation": "velocity"}, "rotation_axis": {"mode": "fixed"}}
+    run = Run(Path("nowhere"), "", {"estimator": [config | known]}, {}, world.truth, world.observations, {})
+    s = matrices.system(replace(run, estimates={"known": world.estimate}))
+    window = world.estimate.windows[-1]
+    m, n = len(window.frames), len(window.track)
+    assert (s.m, s.n) == (m, n)
+    assert s.rows["observations"] == slice(0, 3 * m * n)
+    assert s.A.shape == (3 * m * n + 3 * (m - 2), 3 * n + 6 * m)
+    assert s.conditions["axis"].stop - s.conditions["axis"].start == 2 * m
