@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from sim.streams import stream
 
 Array = np.ndarray
 REPLICATES = 999
@@ -42,16 +45,13 @@ def interval(
 
 
 def interval_of_sums(
-    finish: Callable[[Float[Array, "*b q"]], Float[Array, "*b"]],
-    sums: Float[Array, "r q"],
-    rng: np.random.Generator,
-    level: float = 0.95,
+    finish: Callable[[Float[Array, "*b q"]], Float[Array, "*b"]], sums: Float[Array, "r q"], level: float = 0.95
 ) -> tuple[float, float]:
     """Confidence interval of a statistic that ``finish`` makes of sums over independent runs; NaN for one run.
 
     Whole runs are drawn, so all correlation within a run stays, at a cost that does not depend on the runs' length.
     """
-    drawn = finish(resample(sums, rng)) if len(sums) > 1 else np.empty(0)
+    drawn = finish(_draws(len(sums)) @ sums) if len(sums) > 1 else np.empty(0)
     drawn = drawn[np.isfinite(drawn)]
     if not len(drawn):
         return np.nan, np.nan
@@ -59,7 +59,9 @@ def interval_of_sums(
     return float(low), float(high)
 
 
-def resample(sums: Float[Array, "r q"], rng: np.random.Generator) -> Float[Array, "replicates q"]:
-    """Sums over as many runs, drawn with replacement."""
-    runs = len(sums)
-    return np.asarray(rng.multinomial(runs, np.full(runs, 1 / runs), REPLICATES) @ sums)
+@lru_cache(maxsize=2)
+def _draws(runs: int) -> Float[Array, "replicates r"]:
+    """How often each of so many runs is drawn, with replacement; the same draws for every statistic."""
+    rng = stream(0, 0, "bootstrap/runs")
+    counts = [np.bincount(rng.integers(0, runs, runs), minlength=runs) for _ in range(REPLICATES)]
+    return np.array(counts, float)

@@ -159,14 +159,14 @@ def estimate(statistic: Statistic, stack: Stack, overlap: int, component: str) -
 
     Of one run by blocks of ``overlap`` neighbouring windows, of several by whole runs.
     """
-    value, rng = float(statistic.pool(stack.values)), stream(0, 0, component)
+    value = float(statistic.pool(stack.values))
     if not statistic.interval:
         return value, np.nan, np.nan
     if stack.run[0] == stack.run[-1]:
-        return value, *interval(statistic.pool, stack.values, overlap, rng)
+        return value, *interval(statistic.pool, stack.values, overlap, stream(0, 0, component))
     if statistic.sums is None or statistic.finish is None:
         return value, np.nan, np.nan
-    return value, *interval_of_sums(statistic.finish, stack.per_run(statistic), rng)
+    return value, *interval_of_sums(statistic.finish, stack.per_run(statistic))
 
 
 def _error_rows(
@@ -214,9 +214,9 @@ def _ratio(s: Array) -> Array:
         return np.asarray(s[..., 0] / s[..., 1])
 
 
-def _over_runs(sums: pd.DataFrame, component: str) -> dict[str, float]:
+def _over_runs(sums: pd.DataFrame) -> dict[str, float]:
     """95 % interval of the ratio of two sums, given per run."""
-    low, high = interval_of_sums(_ratio, sums.to_numpy(float), stream(0, 0, component))
+    low, high = interval_of_sums(_ratio, sums.to_numpy(float))
     return {"ci_low": low, "ci_high": high}
 
 
@@ -225,7 +225,7 @@ def _support_rows(p: Pooled) -> Iterator[dict[str, Any]]:
     wanted, estimated, windows, failed = (int(p.support[k].sum()) for k in SUPPORT_COLUMNS[:4])
     if wanted:
         row = _row("trajectory", "all", "converged", estimated / wanted, "1", "higher", wanted)
-        yield row | _over_runs(p.support[["estimated", "wanted"]], "trajectory/converged")
+        yield row | _over_runs(p.support[["estimated", "wanted"]])
     yield _row("trajectory", "all", "failed", failed, "1", "lower", windows)
     yield from _outlier_rows(p.outliers)
     for reason, count in p.failures.value_counts(sort=False).items():
@@ -241,4 +241,4 @@ def _outlier_rows(outliers: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for name in OUTLIER_COLUMNS:
         counts = outliers[name].astype(float)
         row = _row("outlier", "all", name, counts.mean(), "1", "higher" if name == "tp" else "lower", len(counts))
-        yield row | _over_runs(counts.groupby(outliers["run"]).agg(["sum", "size"]), f"outlier/{name}")
+        yield row | _over_runs(counts.groupby(outliers["run"]).agg(["sum", "size"]))

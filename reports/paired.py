@@ -75,12 +75,11 @@ def paired(
         return np.asarray(np.abs(value) if s.direction == "zero" else value)
 
     q = sums.shape[2]
-    name = f"paired/{quantity}/{axis}/{statistic}"
     of_both = np.concatenate(list(sums), axis=1)
-    low, high = interval_of_sums(lambda x: finish(x[..., :q]) - finish(x[..., q:]), of_both, stream(0, 0, name))
+    low, high = interval_of_sums(lambda x: finish(x[..., :q]) - finish(x[..., q:]), of_both)
     values = finish(sums.sum(axis=1))
     difference = float(values[0] - values[1])
-    swapped = _swapped(finish, sums, stream(0, 0, f"{name}/swaps"))
+    swapped = _swapped(finish, sums, stream(0, 0, "paired/swaps"))
     larger = np.count_nonzero(np.abs(swapped) >= abs(difference) * (1 - 1e-12))
     p = (1 + larger) / (1 + _SWAPS)
     return Paired(float(values[0]), float(values[1]), difference, low, high, float(p), runs, unpaired)

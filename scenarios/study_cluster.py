@@ -38,7 +38,12 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
         ScenarioError: the scheduler is not there, has no workers, or has another version of anything that matters.
     """
     logging.getLogger("distributed").setLevel(logging.CRITICAL)
-    dask.config.set({"distributed.comm.timeouts.connect": f"{_CONNECT_S}s"})
+    dask.config.set(
+        {
+            "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",
+            "distributed.worker.profile.enabled": False,  # an hour of call stacks would fill the memory
+        }
+    )
     with contextlib.ExitStack() as stack:
         if scheduler is None:
             cluster = LocalCluster(
