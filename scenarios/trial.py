@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Collection
 from dataclasses import dataclass, fields
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any
 
 import pandas as pd
@@ -112,8 +112,17 @@ def joined(results: Collection[TrialResult]) -> TrialResult:
 
 def _typed(name: str, table: pd.DataFrame) -> pd.DataFrame:
     """A table with exactly the columns and types of its kind, whatever it holds."""
+    if table.empty:
+        return _no_rows(name).copy()
     columns = COLUMNS[name]
-    return table.reindex(columns=list(columns)).astype(columns).reset_index(drop=True)
+    found = table[list(columns)]
+    other = {c: t for (c, t), dtype in zip(columns.items(), found.dtypes, strict=True) if dtype != t}
+    return (found.astype(other) if other else found).reset_index(drop=True)
+
+
+@cache
+def _no_rows(name: str) -> pd.DataFrame:
+    return pd.DataFrame(columns=list(COLUMNS[name])).astype(COLUMNS[name])
 
 
 def _failures(e: Evaluation) -> list[dict[str, Any]]:
