@@ -163,13 +163,18 @@ def lines(
     """A statistic over a swept key, a line per estimator and per value of the other keys."""
     rows = result.select(quantity, axis, statistic, bin=bin)
     others = [k for k in result.points.columns if k != over]
-    rows["line"] = [", ".join(map(str, v)) for v in rows[["estimator", *others]].to_numpy()]
+    rows["line"] = _lines(rows, ["estimator", *others])
     limit = None
     if bound:
         bounds = result.select(quantity, axis, "crb", bin=bin)
-        limit = bounds.groupby(over)["value"].mean().reset_index()
+        bounds["line"] = _lines(bounds, others)
+        limit = bounds.groupby(["line", over], sort=False)["value"].mean().reset_index()
     labels = (x_label or over, _label(rows, quantity, axis, statistic))
     return sweep_lines(rows, over, labels, bound=limit, log_x=log_x, log_y=log_y)
+
+
+def _lines(rows: pd.DataFrame, columns: list[str]) -> list[str]:
+    return [", ".join(map(str, v)) for v in rows[columns].to_numpy()]
 
 
 def heat_map(

@@ -38,7 +38,7 @@ def write_study(folder: Path) -> StudyResult:
         write_atomically(folder / name, lambda p, t=table: t.to_csv(p, index=False))
     figures = {spec["label"]: _made("figure", FIGURES, spec, result) for spec in asked["figure"]}
     images = save_figures(folder / "figures", figures)
-    shown = [(spec["label"], spec["caption"], embedded(images[spec["label"]])) for spec in asked["figure"]]
+    shown = [(_heading(spec), spec["caption"], embedded(images[spec["label"]])) for spec in asked["figure"]]
     provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
     write_text(folder / "report.html", render(result, tables, shown, provenance))
     return result
@@ -68,7 +68,7 @@ def render(
         seed=result.seed,
         runs=result.runs,
         points=len(result.points),
-        tables=[(spec["label"], spec["caption"], *_cells(table)) for spec, table in tables],
+        tables=[(_heading(spec), spec["caption"], *cells(table)) for spec, table in tables],
         figures=figures,
         crashed=_reasons(crashed),
         failures=_failures(result),
@@ -79,10 +79,15 @@ def render(
     )
 
 
-def _cells(table: pd.DataFrame) -> tuple[list[str], list[list[str]], int]:
+def _heading(spec: Mapping[str, Any]) -> str:
+    return str(spec["label"]).replace("_", " ")
+
+
+def cells(table: pd.DataFrame) -> tuple[list[str], list[list[str]], int]:
     """Heads and rows as text, and how many rows are left out."""
     rows = [[_text(v) for v in row] for row in table.head(_SHOWN_ROWS).itertuples(index=False)]
-    return [str(c).replace("_", " ") for c in table.columns], rows, len(table) - len(rows)
+    heads = [c if "." in c else c.replace("_", " ") for c in map(str, table.columns)]
+    return heads, rows, len(table) - len(rows)
 
 
 def _text(value: Any) -> str:

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from reports.figures.style import GREY, color, legend, marker, new_figure, styled
 
 _PANEL_IN = 2.6
+_DASHES = ("--", ":", "-.")
 
 
 @styled
@@ -24,9 +25,9 @@ def sweep_lines(
     log_x: bool = False,
     log_y: bool = False,
 ) -> Figure:
-    """One line per ``line`` of a table (line, x, value, ci_low, ci_high) with interval bars; bound (x, value) dashed.
+    """One line per ``line`` of a table (line, x, value, ci_low, ci_high) with interval bars.
 
-    x is the column of the parameter; labels are those of the axes.
+    bound (line, x, value) is drawn dashed; x is the column of the parameter; labels are those of the axes.
     """
     figure = new_figure(3.2)
     ax = figure.add_subplot()
@@ -39,8 +40,10 @@ def sweep_lines(
             rows[x][known], rows["value"][known], bars[:, known], fmt="none", ecolor=color(i), capsize=2, lw=0.9
         )
     if bound is not None:
-        rows = bound.sort_values(x)
-        ax.plot(rows[x], rows["value"], color=GREY, ls="--", label="Cramér-Rao bound")
+        for i, (line, part) in enumerate(bound.groupby("line", sort=False)):
+            rows = part.sort_values(x)
+            label = "Cramér-Rao bound" + (f", {line}" if line else "")
+            ax.plot(rows[x], rows["value"], color=GREY, ls=_DASHES[i % len(_DASHES)], label=label)
     if log_x:
         ax.set_xscale("log")
     if log_y:
