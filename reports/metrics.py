@@ -148,9 +148,10 @@ def stacks(part: pd.DataFrame) -> dict[str, Stack]:
     ).sort_index()
     axes = list(dict.fromkeys(part["axis"]))
     run = wide.index.get_level_values("run").to_numpy()
-    found = {a: Stack(run, wide[[("error", a), ("bound", a)]].to_numpy()) for a in axes}
+    error, bound = (wide[value][axes].to_numpy() for value in ("error", "bound"))
+    found = {a: Stack(run, np.stack([error[:, i], bound[:, i]], axis=1)) for i, a in enumerate(axes)}
     if len(axes) > 1:
-        found["all"] = Stack(run, wide[[(v, a) for v in ("error", "bound") for a in axes]].to_numpy())
+        found["all"] = Stack(run, np.hstack([error, bound]))
     return found
 
 
