@@ -42,7 +42,7 @@ def sweep_lines(
     if bound is not None:
         for i, (line, part) in enumerate(bound.groupby("line", sort=False)):
             rows = part.sort_values(x)
-            label = "Cramér-Rao bound" + (f", {line}" if line else "")
+            label = ", ".join(filter(None, ["Cramér-Rao bound", str(line)]))
             ax.plot(rows[x], rows["value"], color=GREY, ls=_DASHES[i % len(_DASHES)], label=label)
     if log_x:
         ax.set_xscale("log")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
 import signal
@@ -16,11 +17,12 @@ import numpy as np
 import pandas as pd
 import psutil
 import pytest
+from distributed import KilledWorker
 
 from reports.metrics import METRIC_COLUMNS
 from reports.studies import load_study
 from scenarios import study_cluster
-from scenarios.study_work import Block, Blocks
+from scenarios.study_work import Block, Blocks, StudyStopped, _outcome
 from tests.scenarios.conftest import Command, Result
 
 STUDY = """
@@ -278,6 +280,29 @@ def test_a_finished_study_only_makes_its_report_anew(uninterrupted: Path, home: 
     assert result.status == 0
     assert "are there already" in result.out
     assert results(uninterrupted) == before
+
+
+def test_only_a_single_run_is_blamed_for_the_death_of_its_workers() -> None:
+    class Dead:
+        def exception(self) -> Exception:
+            return KilledWorker("task", None, 3)
+
+    assert _outcome(Dead(), Block(0, range(3, 5))) is None
+    done = _outcome(Dead(), Block(0, range(4, 5)))
+    assert done is not None
+    assert done.failed == 1
+    row = pd.read_parquet(io.BytesIO(done.part)).iloc[0]
+    assert (row["table"], row["run"], row["kind"]) == ("failures", 4, "exception")
+    assert "died, 4 times" in row["reason"]
+
+
+def test_whatever_else_goes_wrong_stops_the_study_and_blames_no_run() -> None:
+    class Lost:
+        def exception(self) -> Exception:
+            return OSError("connection lost\nand more")
+
+    with pytest.raises(StudyStopped, match=r"^connection lost$"):
+        _outcome(Lost(), Block(0, range(1)))
 
 
 def test_blocks_hold_every_run_once() -> None:
