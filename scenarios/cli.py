@@ -158,14 +158,14 @@ def _run(parsed: argparse.Namespace) -> int:
 
 
 def _study(parsed: argparse.Namespace) -> int:
-    from scenarios import study
+    from scenarios import study, study_page
     from scenarios.study_console import Progress
     from scenarios.study_work import StudyStopped
 
     progress = Progress(Console())
     asked = study.Asked(**{f: getattr(parsed, f) for f in study.Asked.__dataclass_fields__})
     try:
-        outcome = study.run(asked, progress)
+        outcome = (study_page if study_page.is_page(asked.study) else study).run(asked, progress)
     except StudyStopped as error:
         Console(stderr=True, soft_wrap=True).print(
             f"pruefstand: {error}; what is done is stored, the same command goes on", markup=False, highlight=False
@@ -180,13 +180,13 @@ def _study(parsed: argparse.Namespace) -> int:
 def _list() -> int:
     from estimators import registry
     from estimators.estimate import describe
-    from scenarios import spec, study_spec
+    from scenarios import spec, study_page, study_spec
 
     console = Console()
     table = Table(box=None, pad_edge=False, show_edge=False, title_justify="left")
     for column in ("name", "what", "source"):
         table.add_column(column, overflow="fold")
-    for name, path in (spec.names() | study_spec.names()).items():
+    for name, path in (spec.names() | study_spec.names() | study_page.names()).items():
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         table.add_row(name, data["title"], data.get("source", ""))
     for name, cls in registry().items():

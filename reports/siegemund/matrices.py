@@ -45,6 +45,12 @@ def system(run: Run) -> BorderedSystem:
     return about_camera(linearise(weighted(problem, R, T, window.X_o, conditions), R, T, window.X_o), T)
 
 
+def beside_the_diagonal(s: BorderedSystem) -> int:
+    """Elements of the points' part of the normal matrix that lie beside its diagonal of 3 x 3 blocks."""
+    i, j = s.N[: 3 * s.n, : 3 * s.n].nonzero()
+    return int(np.count_nonzero(i // 3 != j // 3))
+
+
 def _systems(result: StudyResult) -> list[BorderedSystem]:
     return [system(result.example(str(point))) for point in result.points.index]
 
