@@ -37,7 +37,8 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
     Raises
         ScenarioError: the scheduler is not there, has no workers, or has another version of anything that matters.
     """
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters is said in one line
     dask.config.set(
         {
             "distributed.comm.timeouts.connect": f"{_CONNECT_S}s",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from asyncio import CancelledError
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -155,13 +156,15 @@ def execute(client: Client, store: StudyStore, runs: int, keep: tuple[str, ...],
 
 def _outcome(future: Future, block: Block) -> Done | None:
     """What a block came to; None where workers died over it, which only a single run is blamed for."""
-    error = future.exception()
-    if error is None:
+    try:
         result: Done = future.result()
-        return result
-    if not isinstance(error, KilledWorker):
-        raise StudyStopped(f"{error}".strip().splitlines()[0] if f"{error}".strip() else type(error).__name__)
-    if len(block.runs) > 1:
-        return None
-    reason = f"the process died, {error.allowed_failures + 1} times"
-    return Done(encode(failed(block.runs[0], reason, "")), 1, 0.0)
+    except KilledWorker as error:
+        if len(block.runs) > 1:
+            return None
+        reason = f"the process died, {error.allowed_failures + 1} times"
+        return Done(encode(failed(block.runs[0], reason, "")), 1, 0.0)
+    except CancelledError as error:
+        raise StudyStopped("the scheduler is gone") from error
+    except Exception as error:
+        raise StudyStopped(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
+    return result

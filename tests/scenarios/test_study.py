@@ -58,6 +58,7 @@ name = "lines"
 over = "measure.sigma_px"
 bound = true
 """
+pytestmark = pytest.mark.xdist_group("study")
 TABLES = ("comparison", "nees", "outliers", "failures", "support")
 
 
@@ -284,8 +285,8 @@ def test_a_finished_study_only_makes_its_report_anew(uninterrupted: Path, home: 
 
 def test_only_a_single_run_is_blamed_for_the_death_of_its_workers() -> None:
     class Dead:
-        def exception(self) -> Exception:
-            return KilledWorker("task", None, 3)
+        def result(self) -> None:
+            raise KilledWorker("task", None, 3)
 
     assert _outcome(Dead(), Block(0, range(3, 5))) is None
     done = _outcome(Dead(), Block(0, range(4, 5)))
@@ -298,8 +299,8 @@ def test_only_a_single_run_is_blamed_for_the_death_of_its_workers() -> None:
 
 def test_whatever_else_goes_wrong_stops_the_study_and_blames_no_run() -> None:
     class Lost:
-        def exception(self) -> Exception:
-            return OSError("connection lost\nand more")
+        def result(self) -> None:
+            raise OSError("connection lost\nand more")
 
     with pytest.raises(StudyStopped, match=r"^connection lost$"):
         _outcome(Lost(), Block(0, range(1)))
