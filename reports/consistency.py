@@ -21,6 +21,7 @@ from sim.truth import INLIER, Truth
 Array = np.ndarray
 Known = Callable[[Array, Pose | None, tuple[Array, Array]], tuple[tuple[Array, Array], Conditions | None]]
 DOF = 6
+_SINGULAR = 1e12  # condition number; in metres and radians, windows of any use stay below 1e6
 NO_BOUND = np.full((12, 12), np.nan)
 NEES_COLUMNS = ["scenario", "seed", "run", "estimator", "quantity", "t_s", "nees", "disjoint"]
 
@@ -49,14 +50,14 @@ def window_nees(c: WindowComparison) -> dict[str, float]:
 
     Errors are estimate minus truth in left camera axes, the covariance is the one of the stated sigmas. The true motion
     is the difference of the same two frames, as the covariance is: the lag of a difference behind the instant is in the
-    errors, not in the NEES.
+    errors, not in the NEES. None where a condition fixes a direction (rotation about a known axis): its error has no
+    variance to be divided by.
     """
     pose = np.concatenate([c.estimate.position - c.truth.position, c.orientation])
     motion = np.concatenate([c.estimate.velocity - c.true_velocity, c.estimate.omega - c.true_omega])
-    return {
-        "pose": float(nees(pose, c.window.cov[:6, :6])),
-        "velocity": float(nees(motion, at_reference(c.window.cov, c.estimate)[6:, 6:])),
-    }
+    moved = at_reference(c.window.cov, c.estimate)[6:, 6:]
+    pairs = {"pose": (pose, c.window.cov[:6, :6]), "velocity": (motion, moved)}
+    return {name: float(nees(e, cov)) for name, (e, cov) in pairs.items() if np.linalg.cond(cov) < _SINGULAR}
 
 
 def disjoint_windows(estimate: TrajectoryEstimate) -> frozenset[int]:

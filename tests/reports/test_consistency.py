@@ -56,6 +56,16 @@ def test_nees_of_windows_disturbed_by_their_covariance(world, keys):
     assert table["disjoint"].sum() == 2 * 4
 
 
+def test_a_direction_that_is_known_has_no_nees(world, keys):
+    """Rotation about a known axis: rates across it have no variance, but for rounding."""
+    fixed = np.diag(np.repeat([1.0, 1e-12, 1.0], [9, 1, 2]))
+    comparisons = [
+        replace(c, window=replace(c.window, cov=fixed @ c.window.cov @ fixed))
+        for c in compare_windows(world.truth, world.tracks, world.estimate)
+    ]
+    assert set(nees_table(world.truth, world.estimate, comparisons, **keys)["quantity"]) == {"pose"}
+
+
 def test_bound_equals_the_covariance_of_the_same_rows(world):
     """With the injected noise as stated one, the covariance at the truth is the bound."""
     for c in compare_windows(world.truth, world.tracks, world.estimate)[::10]:
