@@ -209,7 +209,8 @@ def nees(table: pd.DataFrame) -> Figure:
     for ax, (quantity, title) in zip(axes, titles.items(), strict=True):
         ax.axhspan(low, high, color="#e4e4e4", lw=0, label="99 % chi-square band of one window")
         ax.axhline(1, color=TRUTH, lw=0.9)
-        for i, label, rows in _each(table[table["quantity"] == quantity]):
+        for i, label, part in _each(table):
+            rows = part[part["quantity"] == quantity]
             t, y = rows["t_s"].to_numpy(float), rows["nees"].to_numpy(float) / DOF
             independent = rows["disjoint"].to_numpy(bool)
             ax.plot(t, y, marker(i), color=color(i), ms=2.4, mew=0, alpha=0.6)
