@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from sim import archive
 from sim.archive import freeze_fields
@@ -22,7 +22,8 @@ class Tracks:
     """Image points of one object as flat columns, one row per stereo observation; ragged tracks need no padding.
 
     frame (N,) index into `Observations.t_s`; track (N,) identifier; uv_left, uv_right (N, 2) pixels; cov (N, 4, 4)
-    the *stated* covariance of (u_left, v_left, u_right, v_right) in px². Rows are sorted by (frame, track).
+    the *stated* covariance of (u_left, v_left, u_right, v_right) in px²; an infinite variance means that the row says
+    nothing. Rows are sorted by (frame, track).
     """
 
     frame: Int[np.ndarray, "n"]
@@ -37,10 +38,14 @@ class Tracks:
         shapes = [a.shape for a in (self.frame, self.track, self.uv_left, self.uv_right, self.cov)]
         if shapes != [(n,), (n,), (n, 2), (n, 2), (n, 4, 4)]:
             raise ValueError(f"Tracks: expected (n,), (n,), (n, 2), (n, 2), (n, 4, 4), got {shapes}")
+        silent = ~self.informative
         for name in ("uv_left", "uv_right", "cov"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise ValueError(f"Tracks.{name}: not finite in {self._row(~np.isfinite(getattr(self, name)))}")
-        not_positive = np.linalg.eigvalsh(self.cov)[:, :1] <= 0
+            wrong = ~np.isfinite(getattr(self, name))
+            if name == "cov":
+                wrong[silent] = np.isnan(self.cov[silent])
+            if wrong.any():
+                raise ValueError(f"Tracks.{name}: not finite in {self._row(wrong)}")
+        not_positive = np.linalg.eigvalsh(np.where(silent[:, None, None], np.eye(4), self.cov))[:, :1] <= 0
         if not_positive.any():
             raise ValueError(f"Tracks.cov: not positive definite in {self._row(not_positive)}")
         if np.any(np.diff(self.frame) < 0) or np.any((np.diff(self.frame) == 0) & (np.diff(self.track) <= 0)):
@@ -58,6 +63,11 @@ class Tracks:
     def uv(self) -> Float[np.ndarray, "n 4"]:
         """(u_left, v_left, u_right, v_right)."""
         return np.concatenate([self.uv_left, self.uv_right], axis=1)
+
+    @property
+    def informative(self) -> Bool[np.ndarray, "n"]:
+        """Rows without an infinite variance."""
+        return np.asarray(~np.isposinf(np.einsum("nii->ni", self.cov)).any(axis=1))
 
     def select(self, rows: Any) -> Tracks:
         return Tracks(self.frame[rows], self.track[rows], self.uv_left[rows], self.uv_right[rows], self.cov[rows])

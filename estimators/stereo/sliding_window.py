@@ -28,6 +28,8 @@ class SlidingWindowAdjustment(Configuration):
 
     def __call__(self, observations: Observations) -> TrajectoryEstimate | EstimationFailed:
         started = time.perf_counter()
+        if len(observations.tracks) and not observations.tracks.informative.any():
+            return EstimationFailed("no observation has a finite covariance", ("state the sigma of the image points",))
         points = triangulated(observations, self.propagation)
         results: list[WindowEstimate] = []
         failures: list[Failure] = []

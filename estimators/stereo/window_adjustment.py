@@ -67,8 +67,8 @@ class Points:
 
 
 def triangulated(observations: Observations, propagation: Propagation) -> Points:
-    """The observations as points, but for those whose rays do not meet in front of the cameras."""
-    tracks = observations.tracks
+    """The observations as points, but for those that say nothing or whose rays do not meet in front of the cameras."""
+    tracks = observations.tracks.select(observations.tracks.informative)
     rig, uv, cov = undistorted(observations.rig, tracks.uv, tracks.cov)
     l, C = triangulate(rig, uv, cov, propagation)
     good = np.isfinite(l).all(axis=1)

@@ -117,9 +117,9 @@ def test_outliers_alone_are_no_motion(make_scene: Maker, seed: int, space: Any, 
         assert all(w.sigma_0 > 3 or len(w.track) < 10 for w in result.windows)
 
 
-@pytest.mark.parametrize("value", [np.inf, np.nan, 0.0, -1.0])
+@pytest.mark.parametrize("value", [np.nan, 0.0, -1.0, -np.inf])
 def test_a_covariance_that_is_none_is_refused_where_it_comes_in(scene: Any, value: float) -> None:
-    """The only way to an estimator leads through `Tracks`: infinite, not a number, zero, negative."""
+    """The only way to an estimator leads through `Tracks`: not a number, zero, negative."""
     tracks = scene.observe(0.2).tracks
     cov = tracks.cov.copy()
     cov[7, 0, 0] = value
@@ -153,3 +153,25 @@ def test_lines_in_some_windows_fail_there(make_scene: Maker) -> None:
     assert all("collinear" in f.reason or "no convergence" in f.reason for f in failed.values())
     assert all(f.hints for f in failed.values())
     assert {int(w.frames[-1]) for w in result.windows} == {7, 8, 9, 10, 11}
+
+
+def infinite(o: Observations, rows: Array) -> Observations:
+    cov = np.array(o.tracks.cov)
+    cov[rows] = np.diag([np.inf, np.inf, np.inf, np.inf])
+    return replace(o, tracks=replace(o.tracks, cov=cov))
+
+
+@space
+@outliers
+def test_infinite_covariance_is_no_information(make_scene: Maker, space: Any, outliers: Any) -> None:
+    o = make_scene(points=POINTS, frames=FRAMES).observe(0.2)
+    estimator = SlidingWindowAdjustment(space=space, outliers=outliers)
+    nothing = estimator(infinite(o, np.arange(len(o.tracks))))
+    assert isinstance(nothing, EstimationFailed)
+    assert nothing.reason == "no observation has a finite covariance"
+    assert nothing.hints
+    some = o.tracks.track == 3
+    with_some, without = estimator(infinite(o, some)), estimator(replace(o, tracks=o.tracks.select(~some)))
+    assert type(with_some) is type(without)
+    if isinstance(with_some, TrajectoryEstimate) and isinstance(without, TrajectoryEstimate):
+        np.testing.assert_array_equal(with_some.windows[-1].X_o, without.windows[-1].X_o)

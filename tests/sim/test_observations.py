@@ -74,13 +74,24 @@ def test_saved_twice_the_bytes_are_the_same(tmp_path: Path) -> None:
     assert a.read_bytes() == b.read_bytes()
 
 
-@pytest.mark.parametrize("name", ["uv_left", "uv_right", "cov"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("uv_left", np.nan), ("uv_left", np.inf), ("uv_right", np.nan), ("uv_right", np.inf), ("cov", np.nan)],
+)
 def test_what_is_not_finite_is_refused_by_name(name: str, value: float) -> None:
     broken = np.array(getattr(tracks(), name))
     broken[3].flat[0] = value
     with pytest.raises(ValueError, match=rf"Tracks\.{name}: not finite in row 3 \(frame 1, track 4\)"):
         replace(tracks(), **{name: broken})
+
+
+def test_an_infinite_variance_says_nothing() -> None:
+    cov = np.array(tracks().cov)
+    cov[3, 1, 1] = np.inf
+    assert replace(tracks(), cov=cov).informative.tolist() == [True, True, True, False, True]
+    cov[3, 0, 1] = np.nan
+    with pytest.raises(ValueError, match=r"Tracks\.cov: not finite in row 3"):
+        replace(tracks(), cov=cov)
 
 
 @pytest.mark.parametrize(
