@@ -7,8 +7,13 @@ from collections.abc import Callable
 import pandas as pd
 from matplotlib.figure import Figure
 
-from reports import siegemund
+from reports import rig_outputs, siegemund
 from reports.studies import heat_map, lines, metrics
 
-TABLES: dict[str, Callable[..., pd.DataFrame]] = {"metrics": metrics, **siegemund.TABLES}
-FIGURES: dict[str, Callable[..., Figure]] = {"lines": lines, "heat_map": heat_map, **siegemund.FIGURES}
+TABLES: dict[str, Callable[..., pd.DataFrame]] = {"metrics": metrics, **siegemund.TABLES, **rig_outputs.TABLES}
+FIGURES: dict[str, Callable[..., Figure]] = {
+    "lines": lines,
+    "heat_map": heat_map,
+    **siegemund.FIGURES,
+    **rig_outputs.FIGURES,
+}
