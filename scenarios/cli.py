@@ -1,4 +1,4 @@
-"""The command line: list, run, study, schema, test. Its contract of names, files and exit statuses is in the README.
+"""The command line: list, run, study, check, schema, test; README holds its contract of names, files, exit statuses.
 
 Exit status 0 done; 1 a check failed, or no estimator gave anything; 2 the user's input is wrong (one line on standard
 error); 3 an exception: a bug or a broken renderer.
@@ -27,7 +27,7 @@ from sim.scenario import ScenarioError, nearest
 for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_variable, "1")
 
-_COMMANDS = ("list", "run", "study", "schema", "test")
+_COMMANDS = ("list", "run", "study", "check", "schema", "test")
 
 
 class _Parser(argparse.ArgumentParser):
@@ -54,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--overwrite", action="store_true", help="replace results of another configuration")
     _add_study(commands.add_parser("study", help="simulate, estimate and report many runs of what a study file varies"))
+    _add_check(commands.add_parser("check", help="regression: every baseline against this code, a verdict per metric"))
     schema = commands.add_parser("schema", help="JSON Schema of scenario or study files")
     schema.add_argument("kind", nargs="?", choices=("scenario", "study"), default="scenario")
     commands.add_parser("test", help="the whole test suite with lint, types and house order")
@@ -79,6 +80,13 @@ def _positive(text: str) -> int:
     if number < 1:
         raise argparse.ArgumentTypeError(f"should be 1 or more, found {number}")
     return number
+
+
+def _add_check(check: argparse.ArgumentParser) -> None:
+    check.add_argument("battery", nargs="?", type=Path, metavar="FILE.toml", help="default: the project's own battery")
+    check.add_argument("--update", action="store_true", help="make this code's results the baselines")
+    check.add_argument("--workers", type=int, metavar="N", help="processes; default: one per processor")
+    check.add_argument("--out", type=Path, metavar="DIR", help="for verdicts.json and junit.xml; default: runs/check")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -136,6 +144,8 @@ def _dispatch(parsed: argparse.Namespace) -> int:
         return 0
     if parsed.command == "study":
         return _study(parsed)
+    if parsed.command == "check":
+        return _check(parsed)
     return _test()
 
 
@@ -175,6 +185,23 @@ def _study(parsed: argparse.Namespace) -> int:
         progress.say(f"{count} failed {'run' if count == 1 else 'runs'}: {reason}")
     progress.say(f"report  {outcome.folder / 'report.html'}")
     return 1 if outcome.failed else 0
+
+
+def _check(parsed: argparse.Namespace) -> int:
+    from scenarios import check, check_console
+    from scenarios.console import Reporter
+
+    console = Console()
+    progress = Reporter(console, unit="runs")
+    out = parsed.out or Path("runs") / "check"
+    outcome = check.check(parsed.battery or check.BATTERY, out, progress, parsed.workers, parsed.update)
+    check_console.show(console, outcome.verdicts)
+    if parsed.update:
+        progress.say(f"baselines  {outcome.baselines}")
+    elif outcome.unknown:
+        progress.say("new metrics have no baseline yet: pruefstand check --update makes it")
+    progress.say(f"verdicts  {out / 'verdicts.json'}  {out / 'junit.xml'}")
+    return 1 if outcome.worse and not parsed.update else 0
 
 
 def _list() -> int:

@@ -13,9 +13,10 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 @dataclass(frozen=True)
 class Reporter:
-    """Progress of stages on a rich console."""
+    """Progress of stages on a rich console; ``unit``: what their steps are."""
 
     console: Console
+    unit: str = "frames"
 
     @contextmanager
     def stage(self, name: str, total: int) -> Iterator[Callable[[], None]]:
@@ -34,7 +35,7 @@ class Reporter:
                 yield lambda: progress.advance(task)
         else:
             yield lambda: None
-        self.say(f"{name}  {time.perf_counter() - started:.1f} s" + (f"  {total} frames" if total > 1 else ""))
+        self.say(f"{name}  {time.perf_counter() - started:.1f} s" + (f"  {total} {self.unit}" if total > 1 else ""))
 
     def say(self, line: str) -> None:
         self.console.print(line, markup=False, highlight=False, soft_wrap=True)
