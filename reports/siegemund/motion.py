@@ -84,8 +84,9 @@ def _first_run(result: StudyResult, quantity: str, axis: str, factor: float) -> 
     c = result.comparison
     chosen = (c["quantity"] == quantity) & (c["axis"] == axis) & (c["entity"] != SMOOTHED) & (c["run"] == 0)
     rows = c[chosen & (c["estimator"] == result.estimators[0])].sort_values("t_s")
-    truth, error = factor * rows["truth"], factor * rows["error"]
-    return pd.DataFrame({"t_s": rows["t_s"], "truth": truth, "estimate": truth + error, "error": error})
+    truth, error = rows["truth"].to_numpy(float), factor * rows["error"].to_numpy(float)
+    truth = factor * (np.unwrap(truth) if quantity == "driving_direction" else truth)
+    return pd.DataFrame({"t_s": rows["t_s"].to_numpy(float), "truth": truth, "estimate": truth + error, "error": error})
 
 
 def _parameter(ax: Axes, first: pd.DataFrame) -> None:

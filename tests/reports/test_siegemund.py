@@ -189,6 +189,16 @@ def test_trajectory_is_that_of_the_first_run_in_degrees() -> None:
     assert table.loc[0, "efficiency"] == pytest.approx(np.sqrt(0.05**2 / 0.26))
 
 
+def test_a_direction_does_not_leap_by_a_turn() -> None:
+    study = errors(("known",), (0.0,), "driving_direction", "all")
+    truth = np.tile([np.pi - 0.01, 0.01 - np.pi, np.pi], 2)
+    figure = motion.trajectory(
+        replace(study, comparison=study.comparison.assign(truth=truth)), parameters=("driving_direction all",)
+    )
+    drawn = next(line for line in figure.axes[0].get_lines() if line.get_label() == "truth")
+    np.testing.assert_allclose(drawn.get_ydata(), 180 + np.rad2deg([-0.01, 0.01, 0]))
+
+
 def test_a_parameter_that_is_none_is_refused() -> None:
     with pytest.raises(ValueError, match="'speed'"):
         motion.trajectory(errors(("known",), (0.0,)), parameters=("speed",))
