@@ -13,7 +13,9 @@ nearer and farther shift against one another in the picture, whatever the base:
     closing speed    k sqrt(2) rate D / sqrt(1 + (S/b)²)
     yaw rate         k rate sigma Z^p / (f sqrt(n))
 
-The constants k, S, p are fitted to the bounds; what an estimator reaches is the bound over its efficiency.
+The constants k, S, p are fitted to the bounds; what an estimator reaches is the bound over its efficiency. That ends
+where a window does not know the depth of single points to some 0.5 m: the car's shape is lost, its turning with it, and
+with that the velocity of its rear axle, some metres from the points. Only the depth of the centroid goes on.
 """
 
 from __future__ import annotations
@@ -87,7 +89,7 @@ def _yaw_rate(rig: Rig, k: float, p: float) -> Any:
 
 QUANTITIES: dict[str, Quantity] = {
     "depth": Quantity("position", "z", "m", 1.0, np.inf, ("k", "S [m]"), _depth),
-    "closing speed": Quantity("velocity", "z", "m/s", 1.0, np.inf, ("k", "S [m]"), _closing_speed),
+    "closing speed": Quantity("velocity", "z", "m/s", 1.0, 0.6, ("k", "S [m]"), _closing_speed),
     "yaw rate": Quantity("yaw_rate", "all", "deg/s", 180 / np.pi, 0.4, ("k", "p"), _yaw_rate),
 }
 
