@@ -134,7 +134,7 @@ def _work(job: Job) -> pd.DataFrame:
     scene, scenario, run = job
     try:
         result = trial(spec.run_model().model_validate_json(scenario), run)
-    except Exception as error:
+    except Exception as error:  # whatever an estimator raises, said with its scene and run
         raise RuntimeError(f"scene {scene!r}, run {run}: {type(error).__name__}: {error}") from error
     labels = result.support["estimator"]
     tables = [run_values(_pooled(result, label)).assign(scene=scene, estimator=label, run=run) for label in labels]

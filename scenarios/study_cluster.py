@@ -69,7 +69,7 @@ def _client(address: str) -> Client:
         warnings.simplefilter("ignore")  # versions are compared below, in one line
         try:
             return Client(address, timeout=_CONNECT_S)
-        except Exception as error:
+        except Exception as error:  # sockets, streams and handshakes each raise their own
             raise ScenarioError(f"--scheduler {address}: no Dask scheduler there: {_one_line(error)}") from error
 
 
@@ -87,7 +87,7 @@ def _check(client: Client, address: str) -> None:
         raise
     except TimeoutError as error:
         raise ScenarioError(f"--scheduler {address}: has no workers; start them with: dask worker {address}") from error
-    except Exception as error:
+    except Exception as error:  # what a foreign worker sends back may be anything
         raise ScenarioError(f"--scheduler {address}: its workers cannot run pruefstand: {_one_line(error)}") from error
 
 

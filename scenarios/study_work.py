@@ -74,7 +74,7 @@ def work(scenario: str, runs: range, keep: tuple[str, ...], code: str) -> Done:
 def _attempt(scenario: str, run: int, keep: tuple[str, ...]) -> TrialResult:
     try:
         return trial(_spec(scenario), run, keep)
-    except Exception as error:
+    except Exception as error:  # a failed run is kept with its traceback and counted
         return failed(run, f"{type(error).__name__}: {error}", traceback.format_exc())
 
 
@@ -165,6 +165,6 @@ def _outcome(future: Future, block: Block) -> Done | None:
         return Done(encode(failed(block.runs[0], reason, "")), 1, 0.0)
     except CancelledError as error:
         raise StudyStopped("the scheduler is gone") from error
-    except Exception as error:
+    except Exception as error:  # runs keep their own; this is the cluster's, and the study can go on later
         raise StudyStopped(str(error).splitlines()[0] if str(error) else type(error).__name__) from error
     return result

@@ -141,8 +141,9 @@ def adjust(
     """Gauss-Newton with the points solved anew for the poses of every iteration, carried on to Newton's method.
 
     Far objects need the second derivatives that Gauss-Newton drops: their residuals are large against the curvature,
-    and plain Gauss-Newton creeps. Where the matrix is not positive its eigenvalues enter by magnitude; where a step
-    does not lower the cost it is damped (Levenberg-Marquardt, (2.2.6)). The loop is `kernel.descend`.
+    and plain Gauss-Newton creeps. Near the optimum a matrix serves further steps. Where the matrix is not positive its
+    eigenvalues enter by magnitude; where a step does not lower the cost it is damped (Levenberg-Marquardt, (2.2.6)).
+    The loop is `kernel.descend`.
 
     stop: "decrement" squared Newton decrement below the tolerance; "update" largest parameter change (2.1.19);
     "relative_update" largest change in units of its standard deviation (2.1.20). Start poses must meet the fixed
