@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -56,18 +57,21 @@ def comparison_table(
     seed: int,
     run: int,
     estimator: str,
+    comparisons: list[WindowComparison] | None = None,
 ) -> pd.DataFrame:
     """The error table with truth, estimate, Cramer-Rao bound (a standard deviation) and true distance of every row.
 
     Quantities of `UNITS` in axes of the left camera at t. Entity: the target's name for the newest frame of each
     window, "smoothed" for each frame in the window that has it nearest to its middle (position only, without sigma);
     for failures the reason. Velocity, speed and rates are differences of two frames against the truth at the instant t.
+    comparisons: those of `compare_windows`, where they have been made already.
     """
     if isinstance(estimate, EstimationFailed):
         rows: list[Row] = [_failure(np.nan, estimate.reason)]
     else:
         name = truth.bodies[truth.target].name
-        comparisons = compare_windows(truth, tracks, estimate)
+        if comparisons is None:
+            comparisons = compare_windows(truth, tracks, estimate)
         compared = {c.frame for c in comparisons}
         rows = [row for c in comparisons for row in _window_rows(truth, tracks, c, name)]
         rows += _interpretation_rows(truth, estimate, comparisons, name)
@@ -78,17 +82,12 @@ def comparison_table(
             for w in estimate.windows
             if int(w.frames[-1]) not in compared
         ]
-    columns = ["quantity", "t_s", "entity", "axis", "sigma", "truth", "estimate", "bound", "distance_m"]
-    table = pd.DataFrame(rows, columns=columns)
-    table = table.assign(
-        scenario=scenario,
-        seed=seed,
-        run=run,
-        estimator=estimator,
-        unit=table["quantity"].map(UNITS),
-        error=table["estimate"] - table["truth"],
-    )
-    return table[COMPARISON_COLUMNS]
+    names = ("quantity", "t_s", "entity", "axis", "sigma", "truth", "estimate", "bound", "distance_m")
+    columns: dict[str, Any] = dict(zip(names, zip(*rows, strict=True) if rows else [()] * len(names), strict=True))
+    columns |= {"scenario": scenario, "seed": seed, "run": run, "estimator": estimator}
+    columns["unit"] = [UNITS[q] for q in columns["quantity"]]
+    columns["error"] = np.subtract(columns["estimate"], columns["truth"])
+    return pd.DataFrame({c: columns[c] for c in COMPARISON_COLUMNS}, index=range(len(rows)))
 
 
 def _failure(t_s: float, reason: str) -> Row:

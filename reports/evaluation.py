@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from sim.observations import Tracks
 from sim.truth import Truth
 
 OUTLIER_COLUMNS = ["tp", "fp", "fn", "flagged"]
+_WINDOW_COLUMNS = ["t_s", *OUTLIER_COLUMNS]
 VISIBLE_POINTS = 30  # a frame with fewer visible points need not be estimated
 
 
@@ -24,8 +26,8 @@ class Evaluation:
 
     wanted: frames in which enough of the target is visible, estimated: those of them with an estimate; windows tried
     and failed; overlap: frames of the longest window; over_ground: what speed and yaw rate refer to; runtime_s NaN
-    where nothing was estimated; outliers: true, false and missed ones per window (tp, fp, fn) and how many of the
-    rejected tracks were flagged as another rigid body; empty without any.
+    where nothing was estimated; outliers: true, false and missed ones of every window at the time of its newest frame
+    (t_s, tp, fp, fn), and how many of the rejected tracks were flagged as another rigid body.
     """
 
     scenario: str
@@ -55,20 +57,20 @@ def evaluate(
     estimator: str,
 ) -> Evaluation:
     """Holds one estimate against the truth."""
-    comparison = comparison_table(truth, tracks, estimate, scenario=scenario, seed=seed, run=run, estimator=estimator)
+    names: dict[str, Any] = {"scenario": scenario, "seed": seed, "run": run, "estimator": estimator}
+    comparisons = compare_windows(truth, tracks, estimate) if isinstance(estimate, TrajectoryEstimate) else []
+    comparison = comparison_table(truth, tracks, estimate, **names, comparisons=comparisons)
     wanted = truth.visible_points >= VISIBLE_POINTS
     frames: list[int] = []
     nees = pd.DataFrame(columns=NEES_COLUMNS)
     windows, overlap, over_ground, runtime_s = 1, 1, False, np.nan
-    outliers = pd.DataFrame(columns=OUTLIER_COLUMNS)
+    outliers = pd.DataFrame(columns=_WINDOW_COLUMNS)
     if isinstance(estimate, TrajectoryEstimate):
-        comparisons = compare_windows(truth, tracks, estimate)
-        nees = nees_table(truth, estimate, comparisons, scenario=scenario, seed=seed, run=run, estimator=estimator)
+        nees = nees_table(truth, estimate, comparisons, **names)
         frames = [int(w.frames[-1]) for w in estimate.windows]
         windows = len(estimate.windows) + len(estimate.failures)
         overlap = max((len(w.frames) for w in estimate.windows), default=1)
-        counts = outlier_counts(truth, tracks, estimate)[OUTLIER_COLUMNS]
-        outliers = counts if counts.to_numpy().any() else counts.iloc[:0]
+        outliers = _outlier_counts(truth, tracks, estimate)
         over_ground, runtime_s = estimate.T_wc is not None, estimate.runtime_s
     return Evaluation(
         scenario,
@@ -88,7 +90,7 @@ def evaluate(
     )
 
 
-def outlier_counts(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> pd.DataFrame:
+def _outlier_counts(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> pd.DataFrame:
     """True, false and missed outliers among the tracks of every window, and those flagged as another rigid body, at the
     time of its newest frame.
     """
@@ -105,4 +107,4 @@ def outlier_counts(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -
                 len(window.second_group),
             )
         )
-    return pd.DataFrame(rows, columns=["t_s", *OUTLIER_COLUMNS])
+    return pd.DataFrame(rows, columns=_WINDOW_COLUMNS)

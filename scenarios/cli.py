@@ -71,6 +71,9 @@ def _add_study(study: argparse.ArgumentParser) -> None:
     where.add_argument("--scheduler", metavar="tcp://...", help="a running Dask scheduler")
     study.add_argument("--set", dest="settings", action="append", default=[], metavar="KEY=VALUE", help="at all points")
     study.add_argument("--seed", type=int)
+    study.add_argument(
+        "--estimator", action="append", default=[], metavar="LABEL", help="only this one; may be repeated"
+    )
     study.add_argument("--out", type=Path, metavar="DIR", help="default: runs/NAME-SEED")
     study.add_argument("--overwrite", action="store_true", help="replace results of another configuration")
 

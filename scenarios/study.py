@@ -31,6 +31,7 @@ class Asked:
     scheduler: str | None = None
     settings: Sequence[str] = ()
     seed: int | None = None
+    estimator: Sequence[str] = ()
     out: Path | None = None
     overwrite: bool = False
 
@@ -51,7 +52,7 @@ def run(asked: Asked, progress: Progress) -> Outcome:
         StudyStopped: it cannot go on; what is done is stored.
     """
     path = find(asked.study)
-    study, base = read(asked.study, asked.settings, asked.seed, asked.runs)
+    study, base = read(asked.study, asked.settings, asked.seed, asked.runs, asked.estimator)
     try:
         points = expand(study, base, path.parent)
     except ScenarioError as error:

@@ -226,9 +226,15 @@ def find(name_or_file: str) -> Path:
 
 
 def read(
-    name_or_file: str, settings: Sequence[str] = (), seed: int | None = None, runs: int | None = None
+    name_or_file: str,
+    settings: Sequence[str] = (),
+    seed: int | None = None,
+    runs: int | None = None,
+    estimators: Sequence[str] = (),
 ) -> tuple[Any, Settings]:
     """The validated study of a file, and its scenario's content with the study's and the command line's settings.
+
+    estimators: labels of those that are wanted, all by default.
 
     Raises
         ScenarioError: one line that names file and key.
@@ -254,7 +260,18 @@ def read(
         prefix = "set." if any(concerns(error, key) for key in study.set) else ""
         raise ScenarioError(f"{path.name}: {prefix}{error}") from error
     _override(study, base, settings)
+    if estimators:
+        base["estimator"] = _chosen(base, estimators)
     return study, base
+
+
+def _chosen(base: Settings, labels: Sequence[str]) -> list[Settings]:
+    """The estimators of a scenario's content that have these labels."""
+    found: dict[str, Settings] = {e.get("label") or e["name"]: e for e in base["estimator"]}
+    for label in labels:
+        if label not in found:
+            raise ScenarioError(f"--estimator: found {label!r}, {nearest(label, list(found))}")
+    return [e for label, e in found.items() if label in labels]
 
 
 def concerns(error: ScenarioError, key: str) -> bool:

@@ -15,7 +15,7 @@ import pandas as pd
 
 from estimators.estimate import EstimationFailed
 from reports.errors import UNITS
-from reports.evaluation import Evaluation, evaluate, outlier_counts
+from reports.evaluation import Evaluation, evaluate
 from scenarios.store import config_hash
 from sim.scenario import Measure, Scenario
 from sim.simulate import View, look, simulate
@@ -83,8 +83,7 @@ def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
         names: dict[str, Any] = {"scenario": "", "seed": spec.seed, "run": run, "estimator": estimator.title}
         evaluations.append(evaluate(truth, observations.tracks, estimate, **names))
         if not isinstance(estimate, EstimationFailed):
-            counts = outlier_counts(truth, observations.tracks, estimate)
-            outliers.append(counts.assign(run=run, estimator=estimator.title))
+            outliers.append(evaluations[-1].outliers.assign(run=run, estimator=estimator.title))
     comparison = pd.concat([e.comparison for e in evaluations], ignore_index=True)
     tables = {
         "comparison": comparison[comparison["quantity"].isin(keep)],

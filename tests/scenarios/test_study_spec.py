@@ -11,6 +11,7 @@ import pytest
 
 from scenarios import study_spec
 from scenarios.study_points import Point, expand
+from sim.scenario import ScenarioError
 from tests.scenarios.conftest import Command
 
 HEAD = 'title = "t"\nkind = "study"\nscenario = "oncoming"\n'
@@ -185,3 +186,10 @@ def test_schema_and_list_know_studies(command: Command) -> None:
     listed = command("list")
     assert "depth-bias-map" in listed.out
     assert max(len(line) for line in listed.out.splitlines()) <= 80
+
+
+def test_only_the_estimators_asked_for() -> None:
+    _, base = study_spec.read("siegemund-table-3-4-1", estimators=["tracks", "points"])
+    assert [e["label"] for e in base["estimator"]] == ["points", "tracks"]
+    with pytest.raises(ScenarioError, match=r"^--estimator: found 'track', did you mean 'tracks'"):
+        study_spec.read("siegemund-table-3-4-1", estimators=["track"])

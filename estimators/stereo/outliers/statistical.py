@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from estimators.stereo.object_motion import Problem
 from estimators.stereo.outliers.residuals import Fit, of_solution, point_statistics, track_statistics
@@ -39,10 +39,10 @@ class PointTest:
         """tau_i in units of the quantile, and whether nothing stands out any more."""
         T = point_statistics(f)
         level = 1 - (1 - self.level) ** (1 / f.count) if self.corrected else np.full(len(f.count), self.level)
-        tau = np.maximum.reduceat(T, f.first[:-1]) / chi2.isf(level, 3)
+        tau = np.maximum.reduceat(T, f.first[:-1]) / chdtri(3, level)
         if self.corrected:
             return tau, _exceeded(tau) < self.level
-        return tau, _exceeded(T / chi2.isf(self.level, 3)) < self.level
+        return tau, _exceeded(T / chdtri(3, self.level)) < self.level
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class TrackTest:
     def scores(self, f: Fit) -> tuple[Float[Array, "n"], bool]:
         """tau_i of (3.4.15) and whether (3.4.16) holds."""
         freedom = {"frames": f.count, "coordinates": 3 * f.count, "rank": 3 * f.count - 3}[self.freedom]
-        tau = track_statistics(f) / chi2.isf(self.level, freedom)
+        tau = track_statistics(f) / chdtri(freedom, self.level)
         return tau, _exceeded(tau) < self.level
 
 
