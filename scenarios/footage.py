@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from sim.masks import given_mask
 from sim.pose import Pose
 from sim.render import Item, Light, Renderer, View, optical_flow
 from sim.scenario import Scenario
@@ -20,9 +21,9 @@ Array = np.ndarray
 SIDES = ("left", "right")
 # KITTI's 16-bit forms: depth in 1/256 m, 0 where unknown or beyond 256 m; flow in 1/64 px around 2^15, third channel
 # whether it is known.
-_DEPTH_SCALE = 256.0
+DEPTH_SCALE = 256.0
 _PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-STATIC_INSTANCE = 1
+STATIC_INSTANCE, FIRST_VEHICLE = 1, 2
 
 
 def image_name(side: str, frame: int) -> str:
@@ -30,10 +31,15 @@ def image_name(side: str, frame: int) -> str:
     return f"images/{side}/{frame:06d}.png"
 
 
+def mask_name(frame: int) -> str:
+    """File of the target's supposed mask in the left image, relative to the observations folder."""
+    return f"masks/{frame:06d}.png"
+
+
 def items(world: World) -> list[Item]:
-    """What is drawn: the street is instance 1, vehicle i is instance i + 2; grids without a body are left out."""
+    """What is drawn: the street is instance 1, vehicle i instance i + 2; grids without a body are left out."""
     street = [Item(p.model, STATIC_INSTANCE) for p in world.props]
-    cars = [Item(a.model, i + 2) for i, a in enumerate(world.actors) if len(a.model.solid_faces)]
+    cars = [Item(a.model, i + FIRST_VEHICLE) for i, a in enumerate(world.actors) if len(a.model.solid_faces)]
     return street + cars
 
 
@@ -58,6 +64,8 @@ def write_footage(scenario: Scenario, world: World, folder: Path, advance: Calla
     """
     spec = scenario.render
     products = {"color"} | ({"depth", "instance"} if spec.truth_images or spec.flow else set())
+    if scenario.measure.gives_masks:
+        (folder / "masks").mkdir(parents=True, exist_ok=True)
     for kind in ("images", *(("depth", "instance") if spec.truth_images else ()), *(("flow",) if spec.flow else ())):
         for side in SIDES:
             (folder / kind / side).mkdir(parents=True, exist_ok=True)
@@ -72,19 +80,40 @@ def write_footage(scenario: Scenario, world: World, folder: Path, advance: Calla
             job.result()
 
 
-def _write_frame(scenario: Scenario, world: World, folder: Path, k: int, pair: tuple[View, View]) -> None:
+def exposed(scenario: Scenario, k: int, pair: tuple[View, View], run: int = 0) -> tuple[Array, Array]:
+    """The RGB images (h, w, 3) that both sensors report of frame k; their noise is that of a run."""
     spec = scenario.render
     sensor = Sensor(
         spec.blur_px, spec.vignetting, spec.gain, spec.read_noise, spec.shot_noise, jpeg_quality=spec.jpeg_quality
     )
+    images = []
     for side, view in zip(SIDES, pair, strict=True):
         assert view.color is not None
-        rng = stream(scenario.seed, 0, f"camera/{side}/sensor/{k}")
-        _write(folder / image_name(side, k), expose(view.color, sensor, rng)[:, :, ::-1])
+        images.append(expose(view.color, sensor, stream(scenario.seed, run, f"camera/{side}/sensor/{k}")))
+    return images[0], images[1]
+
+
+def shows_target(scenario: Scenario, view: View) -> Array:
+    """Pixels (h, w) that truly show the target."""
+    assert view.instance is not None
+    return np.asarray(view.instance == scenario.target_index + FIRST_VEHICLE)
+
+
+def coded_depth(depth: Array) -> Array:
+    """Depth (h, w) [m] as it is stored: 16 bits of 1/256 m, 0 where unknown or too far."""
+    coded = np.rint(depth * DEPTH_SCALE)
+    return np.where(coded <= 65535, coded, 0).astype(np.uint16)
+
+
+def _write_frame(scenario: Scenario, world: World, folder: Path, k: int, pair: tuple[View, View]) -> None:
+    spec = scenario.render
+    mask = given_mask(scenario, shows_target(scenario, pair[0]), k) if scenario.measure.gives_masks else None
+    if mask is not None:
+        _write(folder / mask_name(k), mask.astype(np.uint8) * 255)
+    for side, view, image in zip(SIDES, pair, exposed(scenario, k, pair), strict=True):
+        _write(folder / image_name(side, k), image[:, :, ::-1])
         if spec.truth_images and view.depth is not None and view.instance is not None:
-            coded = np.rint(view.depth * _DEPTH_SCALE)
-            depth = np.where(coded <= 65535, coded, 0).astype(np.uint16)
-            _write(folder / f"depth/{side}/{k:06d}.png", depth)
+            _write(folder / f"depth/{side}/{k:06d}.png", coded_depth(view.depth))
             _write(folder / f"instance/{side}/{k:06d}.png", view.instance)
         if spec.flow and k + 1 < len(world.t_s):
             _write(folder / f"flow/{side}/{k:06d}.png", _flow_png(world, k, side, view))

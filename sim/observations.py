@@ -69,6 +69,12 @@ class Tracks:
         """Rows without an infinite variance."""
         return np.asarray(~np.isposinf(np.einsum("nii->ni", self.cov)).any(axis=1))
 
+    @staticmethod
+    def none() -> Tracks:
+        """No observation at all."""
+        rows = np.empty(0, int)
+        return Tracks(rows, rows, np.empty((0, 2)), np.empty((0, 2)), np.empty((0, 4, 4)))
+
     def select(self, rows: Any) -> Tracks:
         return Tracks(self.frame[rows], self.track[rows], self.uv_left[rows], self.uv_right[rows], self.cov[rows])
 
@@ -78,8 +84,9 @@ class Observations:
     """The measurements of one object in one stereo sequence.
 
     t_s (m,) times of the frames, strictly increasing; rig the *nominal* calibration; T_wc (m,) the *measured* poses of
-    the left camera, or None where nothing is known of the ego motion; images (left, right) file names per frame,
-    relative to the folder the observations are stored in, or None.
+    the left camera, or None where nothing is known of the ego motion; images (left, right) file names per frame, and
+    masks file names of where the target is supposed to be in the left image, both relative to the folder the
+    observations are stored in, or None.
     """
 
     t_s: Float[np.ndarray, "m"]
@@ -88,6 +95,7 @@ class Observations:
     entity: str = "target"
     T_wc: Pose | None = None
     images: tuple[tuple[str, str], ...] | None = None
+    masks: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         freeze_fields(self)
@@ -99,6 +107,10 @@ class Observations:
             raise ValueError(f"Observations.T_wc: expected {len(self.t_s)} poses, got {self.T_wc.t.shape}")
         if self.T_wc is not None and not (np.isfinite(self.T_wc.R).all() and np.isfinite(self.T_wc.t).all()):
             raise ValueError("Observations.T_wc: not finite")
+        for name in ("images", "masks"):
+            names = getattr(self, name)
+            if names is not None and len(names) != len(self.t_s):
+                raise ValueError(f"Observations.{name}: expected {len(self.t_s)} frames, got {len(names)}")
 
     def save(self, folder: Path) -> None:
         archive.save(folder / _FILE, self)
@@ -107,5 +119,7 @@ class Observations:
     def load(folder: Path) -> Observations:
         f = archive.load(folder / _FILE)
         images = None if f["images"] is None else tuple((left, right) for left, right in f["images"])
+        masks = None if f["masks"] is None else tuple(f["masks"])
         T_wc = None if f["T_wc"] is None else Pose(**f["T_wc"])
-        return Observations(f["t_s"], StereoRig.from_fields(f["rig"]), Tracks(**f["tracks"]), f["entity"], T_wc, images)
+        rig, tracks = StereoRig.from_fields(f["rig"]), Tracks(**f["tracks"])
+        return Observations(f["t_s"], rig, tracks, f["entity"], T_wc, images, masks)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import re
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
@@ -217,7 +217,7 @@ class Road(Spec):
 
 
 class Render(Spec):
-    """Pictures of the run; an estimator on projected points needs none."""
+    """Pictures of the run; projected points need none, tracked ones have them in any case."""
 
     enabled: bool = True
     supersample: Annotated[int, Field(ge=1, le=4)] = 2
@@ -248,24 +248,72 @@ class Event(Spec):
     """How far from that side a point may lie."""
 
 
+class TrueMask(Spec):
+    """The front end is told exactly which pixels of the left images show the target."""
+
+    kind: Literal["true"] = "true"
+
+
+class WrongMask(Spec):
+    """The front end is told wrongly which pixels of the left images show the target; all errors add up."""
+
+    kind: Literal["wrong"]
+    dilate_px: Annotated[int, Field(ge=-50, le=50)] = 0
+    """How far the outline moves outwards; negative: inwards."""
+    shift_px: Point2 = (0.0, 0.0)
+    """Displacement of the whole mask, right and down."""
+    holes: Fraction = 0.0
+    """Share of the target's pixels lost in round holes."""
+    neighbour: Fraction = 0.0
+    """Round blobs of what is beside the target, other vehicles or background, as a share of the target's pixels."""
+    frames: Annotated[int, Field(ge=1)] = 5
+    """How long holes and blobs stay on the same places of the target."""
+
+
+class MotionSegmentation(Spec):
+    """The front end itself finds the target, by motion and depth."""
+
+    kind: Literal["motion"]
+
+
+Segmentation = Annotated[TrueMask | WrongMask | MotionSegmentation, Field(discriminator="kind")]
+
+
 class Measure(Spec):
-    """Measured points of the target."""
+    """Measured points of the target: projected ones with noise, or tracked in the rendered images."""
 
     model_config = ConfigDict(populate_by_name=True)
 
-    source: Literal["projection"] = Field(default="projection", alias="from")
+    source: Literal["projection", "images"] = Field(default="projection", alias="from")
     target: str | None = None
     """Name of the observed vehicle; the first one by default."""
     points: Annotated[int, Field(ge=1, le=20_000)] = 120
     """Tracks at a time, as far as so many surface points are in view."""
+    segmentation: Segmentation | None = None
+    """What the image front end is told of where the target is; the truth by default."""
     sigma_px: NonNegative = 0.2
+    """Noise of projected points; that of tracked ones is what it is."""
     stated_sigma_px: Positive | None = None
-    """What estimators are told; the injected sigma by default."""
+    """What estimators are told; by default the injected sigma, or the covariance that the front end measures."""
     occlusion: bool = True
     missing_frames: tuple[Annotated[int, Field(ge=0)], ...] = ()
     """Frames without any measurement."""
     events: tuple[Event, ...] = ()
     """Births and deaths of tracks, beside those that follow from the geometry."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _true_mask_by_default(cls, data: Any) -> Any:
+        images = isinstance(data, dict) and "images" in (data.get("from"), data.get("source"))
+        return {"segmentation": TrueMask()} | data if images else data
+
+    @model_validator(mode="after")
+    def _only_what_acts(self) -> Measure:
+        inert = ("sigma_px", "occlusion", "missing_frames", "events") if self.from_images else ("segmentation",)
+        for key in inert:
+            if getattr(self, key) != type(self).model_fields[key].default:
+                raise ValueError(f"{key}: does nothing to points from {self.source!r}")
+        return self
 
     @model_validator(mode="after")
     def _stated(self) -> Measure:
@@ -274,7 +322,17 @@ class Measure(Spec):
         return self
 
     @property
+    def from_images(self) -> bool:
+        return self.source == "images"
+
+    @property
+    def gives_masks(self) -> bool:
+        """Whether the front end is told where the target is."""
+        return self.from_images and not isinstance(self.segmentation, MotionSegmentation)
+
+    @property
     def stated(self) -> float:
+        """What is stated of projected points."""
         return self.sigma_px if self.stated_sigma_px is None else self.stated_sigma_px
 
 
@@ -370,9 +428,11 @@ class Scenario(Spec):
             raise ValueError("rig.frames: a number is needed unless the target's motion is a replay of labels")
         if self.run_seconds > _LONGEST_S:
             raise ValueError(f"rig.frames: the run lasts {self.run_seconds:g} s, allowed are {_LONGEST_S} s")
-        if self.render.enabled and self.render.supersample * max(self.rig.size_px) > _LARGEST_PX:
+        if self.measure.from_images:
+            self._refuse_what_images_cannot_have()
+        if self.rendered and self.render.supersample * max(self.rig.size_px) > _LARGEST_PX:
             raise ValueError(f"render.supersample: images of more than {_LARGEST_PX} fine pixels cannot be drawn")
-        if self.render.enabled and not self.world.roadside and all(v.mesh == "point_grid" for v in self.vehicle):
+        if self.rendered and not self.world.roadside and all(v.mesh == "point_grid" for v in self.vehicle):
             raise ValueError("render.enabled: there is nothing to draw but grids of points")
         for i, v in enumerate(self.vehicle):
             if isinstance(v.motion, Labels) and v is not self.target:
@@ -380,6 +440,19 @@ class Scenario(Spec):
         if sum(o.tracks for o in self.outliers) > 1 + 1e-9:
             raise ValueError("outliers: the shares of tracks add up to more than 1")
         return self
+
+    def _refuse_what_images_cannot_have(self) -> None:
+        if self.outliers:
+            raise ValueError("outliers: points tracked in images bring their own")
+        if self.target.mesh == "point_grid":
+            raise ValueError("measure.from: images do not show a point_grid")
+        if not self.render.truth_images:
+            raise ValueError("render.truth_images: points tracked in images are labelled by them")
+
+    @property
+    def rendered(self) -> bool:
+        """Whether the run has images: because they are asked for, or because its points are tracked in them."""
+        return self.render.enabled or self.measure.from_images
 
     @property
     def target(self) -> Vehicle:

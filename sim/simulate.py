@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from sim.measure import Pool, Rows, follow, make_pool, pixel_noise, scripted, visibility
 from sim.noise import Draft, Setting, apply_outliers
@@ -45,16 +45,21 @@ def simulate(
 ) -> tuple[Observations, Truth]:
     """Measures the target of a scenario. ``run`` numbers independent repetitions; world and view are the same in all.
 
+    Where points are to be tracked in images, both products are still without tracks.
+
     Raises
         ScenarioError: the target is never visible, or an input file is wrong.
     """
     world = build_world(scenario) if world is None else world
     view = look(scenario, world) if view is None else view
-    pool, draft = view.pool, _measure(scenario, world, view, run)
-    draft = _compact(draft)
-    if not len(draft.frame):
+    draft = _measure(scenario, world, view, run)
+    draft = _selected(draft, draft.keep)
+    visible_points = np.bincount(draft.frame, minlength=len(world.t_s))
+    if not visible_points.any():
         raise ScenarioError(f"measure.target: {scenario.target.name!r} is never visible in both cameras")
-    return _observations(scenario, world, draft, run), _truth(scenario, world, pool, draft)
+    if scenario.measure.from_images:
+        draft = _selected(draft, np.zeros(len(draft.frame), bool))
+    return _observations(scenario, world, draft, run), _truth(scenario, world, view.pool, draft, visible_points)
 
 
 def _measure(scenario: Scenario, world: World, view: View, run: int) -> Draft:
@@ -75,10 +80,9 @@ def _measure(scenario: Scenario, world: World, view: View, run: int) -> Draft:
     return apply_outliers(draft, scenario.outliers, setting, lambda c: stream(scenario.seed, run, f"{name}/{c}"))
 
 
-def _compact(draft: Draft) -> Draft:
-    """The rows that remain."""
-    k = draft.keep
-    return Draft(draft.frame[k], draft.track[k], draft.point[k], draft.uv_true[k], draft.uv[k], draft.kind[k], k[k])
+def _selected(draft: Draft, rows: Bool[Array, "n"]) -> Draft:
+    """Some of the rows."""
+    return Draft(**{f.name: getattr(draft, f.name)[rows] for f in fields(Draft)})
 
 
 def _observations(scenario: Scenario, world: World, draft: Draft, run: int) -> Observations:
@@ -103,7 +107,7 @@ def _body(actor: Actor, t_s: Float[Array, "m"]) -> Body:
     return Body(actor.name, actor.trajectory.pose(t_s), np.stack([v.min(axis=0), v.max(axis=0)]), v[::step])
 
 
-def _truth(scenario: Scenario, world: World, pool: Pool, draft: Draft) -> Truth:
+def _truth(scenario: Scenario, world: World, pool: Pool, draft: Draft, visible_points: Int[Array, "m"]) -> Truth:
     target, t = world.actors[world.target], world.t_s
     track, first = np.unique(draft.track, return_index=True)
     point_v = pool.point_v[draft.point[first]].copy()
@@ -128,5 +132,5 @@ def _truth(scenario: Scenario, world: World, pool: Pool, draft: Draft) -> Truth:
             sigma_px=np.full(len(draft.frame), scenario.measure.sigma_px),
             kinds=tuple(o.kind for o in scenario.outliers),
         ),
-        visible_points=np.bincount(draft.frame, minlength=len(t)),
+        visible_points=visible_points,
     )

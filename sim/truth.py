@@ -22,7 +22,8 @@ class Labels:
     """One row per row of `Observations.tracks`, in the same order.
 
     kind (N,) 0 for an inlier, else 1 + index into ``kinds``; uv_true (N, 4) noise-free pixels of the track's material
-    point (u_left, v_left, u_right, v_right); sigma_px (N,) the injected standard deviation per coordinate.
+    point (u_left, v_left, u_right, v_right), NaN where a tracked point has none; sigma_px (N,) standard deviation per
+    coordinate: the injected one, or that of the tracked inliers.
     """
 
     kind: Int[np.ndarray, "n"]
@@ -59,7 +60,7 @@ class Truth:
     velocity_w (m, 3) of the reference point [m/s], omega_w (m, 3) [rad/s], reference_v (3,) the reference point (middle
     of the rear axle, system F of Siegemund 2008, 3.8) in the vehicle frame; track (k,) identifiers and point_v (k, 3)
     the material point of every track in the vehicle frame (NaN for tracks that are not on the target); visible_points
-    (m,) points measured in each frame.
+    (m,) points measured in each frame, or, for a front end, as many as could be tracked there.
     """
 
     t_s: Float[np.ndarray, "m"]

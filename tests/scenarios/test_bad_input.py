@@ -44,7 +44,7 @@ def refused(result: Result, *words: str) -> None:
         ("measure.sigma_px=nan", ("measure.sigma_px", "finite", "nan")),
         ("measure.sigma_px=0", ("stated_sigma_px",)),
         ("measure.points=inf", ("measure.points", "inf")),
-        ("measure.from='images'", ("measure.from", "projection")),
+        ("measure.from='image'", ("measure.from", "did you mean 'images'")),
         ("measure.target='targt'", ("measure.target", "did you mean 'target'")),
         ("vehicle.0.mesh='sedann'", ("vehicle.0.mesh", "did you mean 'sedan'")),
         ("vehicle.0.mesh='no/such.obj'", ("vehicle.0.mesh", "no/such.obj", "no such mesh file")),
