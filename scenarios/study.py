@@ -57,7 +57,7 @@ def run(asked: Asked, progress: Progress) -> Outcome:
         points = expand(study, base, path.parent)
     except ScenarioError as error:
         raise ScenarioError(f"{path.name}: {error}") from error
-    seed = points[0].scenario.seed
+    seed = int(base.get("seed", 1))
     folder = asked.out or Path("runs") / f"{path.stem}-{seed}"
     with ExitStack() as stack:
         client = stack.enter_context(connected(None, asked.scheduler)) if asked.scheduler else None
@@ -71,7 +71,7 @@ def run(asked: Asked, progress: Progress) -> Outcome:
         else:
             progress.say(f"all {len(points) * study.runs} runs are there already")
         store.finish(study.runs)
-        described = _described(study, points, path)
+        described = _described(study, points, path, seed)
         write_text(folder / "study.json", json.dumps(described, indent=1) + "\n")
         if study.examples:
             _write_examples(folder, described["scenario"], points)
@@ -88,7 +88,7 @@ def _report(folder: Path, path: Path) -> dict[str, int]:
     return {str(k): int(v) for k, v in crashed["reason"].value_counts().items()}
 
 
-def _described(study: Any, points: Sequence[Point], path: Path) -> dict[str, Any]:
+def _described(study: Any, points: Sequence[Point], path: Path, seed: int) -> dict[str, Any]:
     """What the reports need to know of a study."""
     outputs = {
         kind: [
@@ -101,7 +101,7 @@ def _described(study: Any, points: Sequence[Point], path: Path) -> dict[str, Any
         "title": study.title,
         "source": study.source,
         "scenario": scenario_file(study, path).stem,
-        "seed": points[0].scenario.seed,
+        "seed": seed,
         "runs": study.runs,
         "keep": study.keep,
         "estimators": list(dict.fromkeys(e.title for p in points for e in p.scenario.estimator)),
