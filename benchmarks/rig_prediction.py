@@ -2,9 +2,9 @@
 
 The formulas are fitted to a finished study (pruefstand study rig-design). Predicted is the RMS over all windows, by
 10 m of distance, and by seed, from distance, tracks and frames of every window; measured that of some runs of
-`oncoming`. Ends with 1 where the RMS over all windows is off by more than 15 %. A single seed may be: the yaw rate hangs
-on how far apart in depth the tracked points happen to lie. Closing speed and yaw rate are foretold only where the shape
-of the car is known.
+`oncoming`. Ends with 1 where the RMS over all windows is off by more than 15 %. A single seed may be: the yaw rate
+hangs on how far apart in depth the tracked points happen to lie. Closing speed and yaw rate are foretold only where the
+shape of the car is known.
 
     python -m benchmarks.rig_prediction --study runs/rig-design-1 [--runs N] [--seeds N]
 """

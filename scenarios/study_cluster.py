@@ -51,7 +51,7 @@ def connected(workers: int | None, scheduler: str | None) -> Iterator[Client]:
                 n_workers=workers or len(os.sched_getaffinity(0)),
                 threads_per_worker=1,
                 processes=True,
-                dashboard_address=None,
+                dashboard_address="127.0.0.1:0",  # the default port may belong to another study
                 memory_limit=0,
                 silence_logs=logging.CRITICAL,
             )
