@@ -15,6 +15,10 @@ from sim.pose import Pose
 
 _FILE = "truth.npz"
 INLIER = 0
+# Pictures beside a truth. Depth in KITTI's 16-bit form: 1/256 m, 0 where unknown or beyond 256 m. Instance: 0 sky,
+# 1 the static world, 2 and on the vehicles in the order of `Truth.bodies`.
+DEPTH_SCALE = 256.0
+STATIC_INSTANCE, FIRST_VEHICLE = 1, 2
 
 
 @dataclass(frozen=True, eq=False)
