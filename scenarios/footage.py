@@ -4,26 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from scenarios.shots import daylight, shot
 from sim.masks import given_mask
 from sim.pose import Pose
-from sim.render import Item, Light, Renderer, View, optical_flow
+from sim.realism import disturbed
+from sim.render import Item, Renderer, View, mean_light, moments, motion_px, optical_flow
 from sim.scenario import Scenario
 from sim.sensor import Sensor, expose
 from sim.streams import stream
+from sim.truth import DEPTH_SCALE, FIRST_VEHICLE, STATIC_INSTANCE
 from sim.world import World
 
 Array = np.ndarray
 SIDES = ("left", "right")
-# KITTI's 16-bit forms: depth in 1/256 m, 0 where unknown or beyond 256 m; flow in 1/64 px around 2^15, third channel
-# whether it is known.
-DEPTH_SCALE = 256.0
 _PNG_FAST = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-STATIC_INSTANCE, FIRST_VEHICLE = 1, 2
 
 
 def image_name(side: str, frame: int) -> str:
@@ -50,11 +50,33 @@ def item_poses(world: World, t: float) -> list[Pose]:
 
 def views(scenario: Scenario, world: World, products: frozenset[str]) -> Iterator[tuple[View, View]]:
     """Both views of every frame, before the sensor."""
-    road = scenario.world
-    light = Light.daylight(road.sun_azimuth_deg, road.sun_elevation_deg, shadows=scenario.render.shadows)
-    with Renderer(items(world), light, scenario.render.supersample) as renderer:
+    with Renderer(items(world), daylight(scenario), scenario.render.supersample) as renderer:
         for t in world.t_s:
-            yield renderer.render_stereo(world.rig, world.T_wc(t), item_poses(world, t), products)
+            yield _gathered(renderer, scenario, world, float(t), products)
+
+
+def _gathered(
+    renderer: Renderer, scenario: Scenario, world: World, t: float, products: frozenset[str]
+) -> tuple[View, View]:
+    """Both views of the middle of an exposure, their colour the mean light of the whole of it."""
+    exposure_s = scenario.realism.exposure_ms / 1000
+
+    def at(moment: float, wanted: frozenset[str]) -> tuple[View, View]:
+        return renderer.render_stereo(world.rig, world.T_wc(moment), item_poses(world, moment), wanted)
+
+    if exposure_s == 0:
+        return at(t, products)
+    middle = at(t, products | {"depth", "instance"})
+    ends = t - exposure_s / 2, t + exposure_s / 2
+    T_wc = world.T_wc(ends[0]), world.T_wc(ends[1])
+    poses = item_poses(world, ends[0]), item_poses(world, ends[1])
+    ids = [i.instance for i in items(world)]
+    offsets = moments(motion_px(middle[0], world.rig.left, T_wc, poses, ids)) * exposure_s
+    others = [at(t + o, frozenset({"color"})) for o in offsets if o]
+    left, right = (
+        mean_light([v.color for v in views if v.color is not None]) for views in zip(middle, *others, strict=True)
+    )
+    return replace(middle[0], color=left), replace(middle[1], color=right)
 
 
 def write_footage(scenario: Scenario, world: World, folder: Path, advance: Callable[[], None]) -> None:
@@ -80,8 +102,8 @@ def write_footage(scenario: Scenario, world: World, folder: Path, advance: Calla
             job.result()
 
 
-def exposed(scenario: Scenario, k: int, pair: tuple[View, View], run: int = 0) -> tuple[Array, Array]:
-    """The RGB images (h, w, 3) that both sensors report of frame k; their noise is that of a run."""
+def exposed(scenario: Scenario, world: World, k: int, pair: tuple[View, View], run: int = 0) -> tuple[Array, Array]:
+    """The RGB images (h, w, 3) that both sensors report of frame k; noise and disturbances are those of a run."""
     spec = scenario.render
     sensor = Sensor(
         spec.blur_px, spec.vignetting, spec.gain, spec.read_noise, spec.shot_noise, jpeg_quality=spec.jpeg_quality
@@ -89,7 +111,8 @@ def exposed(scenario: Scenario, k: int, pair: tuple[View, View], run: int = 0) -
     images = []
     for side, view in zip(SIDES, pair, strict=True):
         assert view.color is not None
-        images.append(expose(view.color, sensor, stream(scenario.seed, run, f"camera/{side}/sensor/{k}")))
+        color = disturbed(view.color, scenario.realism, shot(scenario, world, side, float(world.t_s[k]), run))
+        images.append(expose(color, sensor, stream(scenario.seed, run, f"camera/{side}/sensor/{k}")))
     return images[0], images[1]
 
 
@@ -110,7 +133,7 @@ def _write_frame(scenario: Scenario, world: World, folder: Path, k: int, pair: t
     mask = given_mask(scenario, shows_target(scenario, pair[0]), k) if scenario.measure.gives_masks else None
     if mask is not None:
         _write(folder / mask_name(k), mask.astype(np.uint8) * 255)
-    for side, view, image in zip(SIDES, pair, exposed(scenario, k, pair), strict=True):
+    for side, view, image in zip(SIDES, pair, exposed(scenario, world, k, pair), strict=True):
         _write(folder / image_name(side, k), image[:, :, ::-1])
         if spec.truth_images and view.depth is not None and view.instance is not None:
             _write(folder / f"depth/{side}/{k:06d}.png", coded_depth(view.depth))
@@ -120,7 +143,7 @@ def _write_frame(scenario: Scenario, world: World, folder: Path, k: int, pair: t
 
 
 def _flow_png(world: World, k: int, side: str, view: View) -> Array:
-    """Flow to the next frame in KITTI's form: (known, v, u) as OpenCV orders channels."""
+    """Flow to the next frame in KITTI's form: (known, v, u) as OpenCV orders channels, 1/64 px around 2^15."""
     assert view.depth is not None
     assert view.instance is not None
     t0, t1 = world.t_s[k], world.t_s[k + 1]

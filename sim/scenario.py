@@ -238,6 +238,43 @@ class Render(Spec):
     """Optical flow to the next frame, written beside the truth."""
 
 
+class Realism(Spec):
+    """What makes seeing hard; 0 is off. Levels go from 0 to 1, the worst that still happens on the road."""
+
+    contrast: Fraction = 0
+    """Rolling contrast: veil and gain drift over image and time; at 1 local contrast falls to a third in places."""
+    glare: Fraction = 0
+    """Scatter of windscreen and lens, worst towards a low sun ahead; 1/3 is a human eye, 1 a dirty windscreen."""
+    reflections: Fraction = 0
+    """Sky, houses and trees mirrored on paint and glass; at 1 three and a half times as strongly as at 0."""
+    shadows: Fraction = 0
+    """Shadow edges of trees and houses that stand still while cars drive through: share of the sun they hide."""
+    dirt: Fraction = 0
+    """Spots on the windscreen; at 1 they cover a quarter of the view."""
+    rain: Fraction = 0
+    """Drops on the windscreen; at 1 some 70 a second fall into a view of 54 degrees."""
+    wiper_s: Annotated[float, Field(ge=0, le=60)] = 0
+    """Time from one wiper pass, out and back, to the next [s]; 0 for none, else at least 0.5."""
+    exposure_ms: Annotated[float, Field(ge=0, le=100)] = 0
+    """Exposure time, whose middle is the frame's time: what moves is blurred."""
+    exposure_step_ev: Annotated[float, Field(ge=0, le=6)] = 0
+    """Largest sudden change of exposure, one a second, which recovers in 0.3 s [stops]."""
+    occluders: Annotated[int, Field(ge=0, le=20)] = 0
+    """Cars that cross between the camera and the target, evenly spread over the run."""
+
+    @field_validator("wiper_s")
+    @classmethod
+    def _not_faster_than_wipers_are(cls, period_s: float) -> float:
+        if 0 < period_s < 0.5:
+            raise ValueError("should be 0 or at least 0.5")
+        return period_s
+
+    @property
+    def on_the_way(self) -> bool:
+        """Whether anything between the world and the sensor disturbs."""
+        return any((self.contrast, self.glare, self.dirt, self.rain, self.wiper_s, self.exposure_step_ev))
+
+
 class Event(Spec):
     """At a frame the outermost points on one side of the target come into view for good, or go out of it."""
 
@@ -402,6 +439,7 @@ class Scenario(Spec):
     ego: Ego = Ego()
     world: Road = Road()
     render: Render = Render()
+    realism: Realism = Realism()
     vehicle: Annotated[tuple[Vehicle, ...], Field(min_length=1)]
     measure: Measure = Measure()
     outliers: tuple[Outlier, ...] = ()
@@ -434,6 +472,8 @@ class Scenario(Spec):
             raise ValueError(f"render.supersample: images of more than {_LARGEST_PX} fine pixels cannot be drawn")
         if self.rendered and not self.world.roadside and all(v.mesh == "point_grid" for v in self.vehicle):
             raise ValueError("render.enabled: there is nothing to draw but grids of points")
+        if self.realism.exposure_ms > 1000 / self.rig.rate_hz:
+            raise ValueError(f"realism.exposure_ms: a frame lasts {1000 / self.rig.rate_hz:g} ms, the exposure longer")
         for i, v in enumerate(self.vehicle):
             if isinstance(v.motion, Labels) and v is not self.target:
                 raise ValueError(f"vehicle.{i}.motion: only the target can replay labels")

@@ -13,6 +13,7 @@ from sim.camera import Camera, StereoRig
 from sim.kitti import LabelTrack, read_poses, read_track
 from sim.model import Model, VehicleModel
 from sim.pose import Pose, exp_so3, vehicle_rotation
+from sim.realism.passing import Driver, passing_cars
 from sim.replay import Replay, plan
 from sim.roadside import Path, build_roadside, follow
 from sim.scenario import Ego, Labels, Rig, Scenario, ScenarioError, Vehicle, nearest
@@ -125,6 +126,8 @@ def build_world(scenario: Scenario) -> World:
     _refuse_contact(actors, t_s)
     ego = _ego(scenario.ego, replay, end_s)
     rig, nominal = make_rig(scenario.rig)
+    T_wc = ego.pose(t_s) @ camera_mount(scenario.rig)
+    actors += _passing(scenario, actors, T_wc, t_s)
     moves = scenario.ego.motion is not None or scenario.ego.poses is not None
     props = _props(scenario, actors, ego, t_s) if scenario.world.roadside else ()
     return World(t_s, rig, nominal, ego, camera_mount(scenario.rig), moves, tuple(actors), scenario.target_index, props)
@@ -208,6 +211,13 @@ def _refuse_contact(actors: list[Actor], t_s: Array) -> None:
             if touch.any():
                 k = int(np.argmax(touch))
                 raise ScenarioError(f"vehicle: {a.name!r} and {b.name!r} touch at t = {t_s[k]:.2f} s (frame {k})")
+
+
+def _passing(scenario: Scenario, actors: list[Actor], T_wc: Pose, t_s: Array) -> list[Actor]:
+    """The cars that pass between camera and target."""
+    cars = [Driver(a.name, a.model, a.trajectory) for a in actors]
+    passing = passing_cars(scenario.realism.occluders, cars, scenario.target_index, T_wc, t_s, scenario.seed)
+    return [Actor(p.name, p.model, p.trajectory) for p in passing]
 
 
 def _props(scenario: Scenario, actors: list[Actor], ego: Trajectory, t_s: Array) -> tuple[Prop, ...]:

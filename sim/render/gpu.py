@@ -82,14 +82,14 @@ def _filter(minify: int, magnify: int, wrap: int) -> None:
         GL.glTexParameteri(GL.GL_TEXTURE_2D, key, value)
 
 
-def radiance_texture(image: Array) -> int:
-    """Texture of linear radiance (h, w, 3) float32 beyond 1, row 0 at v = 0."""
+def float_texture(image: Array, repeat: bool = False) -> int:
+    """Texture of three numbers (h, w, 3) float32, also beyond 1, row 0 at v = 0."""
     texture = int(GL.glGenTextures(1))
     GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
     h, w = image.shape[:2]
     GL.glTexImage2D(GL.GL_TEXTURE_2D, 0, GL.GL_RGB16F, w, h, 0, GL.GL_RGB, GL.GL_FLOAT, np.ascontiguousarray(image))
     GL.glGenerateMipmap(GL.GL_TEXTURE_2D)
-    _filter(GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR, GL.GL_CLAMP_TO_EDGE)
+    _filter(GL.GL_LINEAR_MIPMAP_LINEAR, GL.GL_LINEAR, GL.GL_REPEAT if repeat else GL.GL_CLAMP_TO_EDGE)
     return texture
 
 

@@ -21,7 +21,8 @@ class Light:
 
     to_sun (3,): unit vector in world axes. ``haze_m``: distance at which 1/e of the light arrives, inf for clear air.
     ``clouds`` 0 (blue) .. 1 (overcast); their pattern follows from ``seed``. ``occlusion_m``: reach of the soft contact
-    shadows. ``shadow_range_m``: shadows are drawn this far into the scene.
+    shadows. ``shadow_range_m``: shadows are drawn this far into the scene. Of `sim.render.surroundings`: ``mirrors`` in
+    0..1, how strongly paint and glass mirror them; ``shade`` in 0..1, the share of the sun that they hide.
     """
 
     to_sun: Float[Array, "3"]
@@ -35,6 +36,8 @@ class Light:
     shadows: bool = True
     occlusion_m: float = 0.35
     shadow_range_m: float = 120.0
+    mirrors: float = 0.0
+    shade: float = 0.0
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -54,6 +57,8 @@ class Light:
         haze_m: float = 900.0,
         clouds: float = 0.45,
         shadows: bool = True,
+        mirrors: float = 0.0,
+        shade: float = 0.0,
         seed: int = 0,
     ) -> Light:
         """A clear to cloudy day; azimuth clockwise from world +y, as headings are."""
@@ -69,6 +74,8 @@ class Light:
             haze_m=haze_m,
             clouds=clouds,
             shadows=shadows,
+            mirrors=mirrors,
+            shade=shade,
             seed=seed,
         )
 

@@ -16,10 +16,12 @@ from OpenGL import GL
 
 from sim.camera import Camera
 from sim.model import Surface
-from sim.render.gpu import DepthMap, Programs, SurfaceBuffer, SurfaceTexture, Target, radiance_texture
+from sim.render.gpu import DepthMap, Programs, SurfaceBuffer, SurfaceTexture, Target, float_texture
 from sim.render.light import Light, sky_picture
 from sim.render.placement import Batch
+from sim.render.surroundings import TOWN_M, shade_axes, shade_pattern, town_plan
 from sim.render.view import Eye
+from sim.streams import stream
 
 Array = np.ndarray
 _SUN_MAP, _ZENITH_MAP = 3072, 768
@@ -57,10 +59,16 @@ class Passes:
                 "WITH_STRETCH": s.texture is not None and flat,
                 "WITH_GLOSS": bool(s.gloss.any()),
                 "WITH_SHADOWS": light.shadows,
+                "WITH_MIRRORS": bool(s.gloss.any()) and light.mirrors > 0,
+                "WITH_SHADE": light.shade > 0,
             }
             self._defines.append(tuple(name for name, yes in wanted.items() if yes))
         self._images = list(images.values())
-        self._sky = radiance_texture(sky_picture(light))
+        self._sky = float_texture(sky_picture(light))
+        nothing = np.zeros((1, 1, 3), np.float32)
+        town = town_plan(stream(light.seed, 0, "surroundings/town")) if light.mirrors > 0 else nothing
+        shade = shade_pattern(stream(light.seed, 0, "surroundings/shade")) if light.shade > 0 else nothing
+        self._town, self._shade = float_texture(town, repeat=True), float_texture(shade, repeat=True)
         self._empty = int(GL.glGenVertexArrays(1))
         self._sun_map, self._zenith_map = DepthMap(_SUN_MAP), DepthMap(_ZENITH_MAP)
         self._targets: dict[int, Target] = {}
@@ -134,6 +142,18 @@ class Passes:
             "sun_map": 2,
             "zenith_map": 3,
         }
+        if light.mirrors > 0:
+            place = np.append(np.mod((eye.center + eye.anchor)[:2], TOWN_M), eye.center[2] + eye.anchor[2])
+            uniforms |= {"town": 4, "town_m": TOWN_M, "town_eye": place, "mirrors": float(light.mirrors)}
+            uniforms |= {"front_light": light.sky_light + 0.25 * light.sun, "front_glint": 3.0 * light.sun}
+        if light.shade > 0:
+            axes = shade_axes(light.to_sun)
+            uniforms |= {
+                "shade": 5,
+                "shade_share": float(light.shade),
+                "shade_eye": np.mod(axes @ (eye.center + eye.anchor), 1.0),
+            }
+            uniforms |= {"shade_across": axes[0], "shade_along": axes[1]}
         if maps is not None:
             sun, zenith = maps
             texel = sun.width_m / _SUN_MAP
@@ -148,7 +168,8 @@ class Passes:
         return uniforms
 
     def _bind_maps(self) -> None:
-        for unit, texture in enumerate((self._sky, self._sun_map.texture, self._zenith_map.texture), start=1):
+        maps = (self._sky, self._sun_map.texture, self._zenith_map.texture, self._town, self._shade)
+        for unit, texture in enumerate(maps, start=1):
             GL.glActiveTexture(GL.GL_TEXTURE0 + unit)
             GL.glBindTexture(GL.GL_TEXTURE_2D, texture)
 
@@ -180,7 +201,7 @@ class Passes:
         self._sun_map.delete()
         self._zenith_map.delete()
         self._programs.delete()
-        GL.glDeleteTextures([self._sky])
+        GL.glDeleteTextures([self._sky, self._town, self._shade])
         GL.glDeleteVertexArrays(1, [self._empty])
 
 

@@ -44,18 +44,22 @@ def depth_range(corners: Float[Array, "r 8 3"], T_c_anchor: Float[Array, "4 4"])
 
 @dataclass(frozen=True, eq=False)
 class Eye:
-    """One camera in place: T_c_anchor (4, 4), clip_from_anchor (4, 4), its centre (3,) in the anchor frame."""
+    """One camera in place: T_c_anchor (4, 4), clip_from_anchor (4, 4), its centre (3,) in the anchor frame.
+
+    The anchor (3,) is that frame's origin in the world.
+    """
 
     camera: Camera
     T_c_anchor: Float[Array, "4 4"]
     clip_from_anchor: Float[Array, "4 4"]
     center: Float[Array, "3"]
+    anchor: Float[Array, "3"]
 
     @staticmethod
     def at(camera: Camera, T_wc: Pose, anchor: Float[Array, "3"], corners: Float[Array, "r 8 3"]) -> Eye:
         center = T_wc.t - anchor
         T = Pose(T_wc.R, center).inv().matrix()
-        return Eye(camera, T, clip_from_camera(camera, *depth_range(corners, T)) @ T, center)
+        return Eye(camera, T, clip_from_camera(camera, *depth_range(corners, T)) @ T, center, anchor)
 
     def rays(self, n: int) -> Float[Array, "m 3"]:
         """Directions of n x n pixels spread over the image with its borders, length 1 along the optical axis."""

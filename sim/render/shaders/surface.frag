@@ -14,6 +14,21 @@ uniform sampler2D sky;
 uniform vec3 to_sun;
 uniform vec3 sun_glint;
 #endif
+#ifdef WITH_MIRRORS
+uniform sampler2D town;                  // height [m], brightness, share that glints; fixed to the world
+uniform float town_m;                    // its period
+uniform vec3 town_eye;                   // camera centre in the world, x and y within a period
+uniform float mirrors;
+uniform vec3 front_light;                // on what stands around, and of its windows in the sun
+uniform vec3 front_glint;
+#endif
+#ifdef WITH_SHADE
+uniform sampler2D shade;                 // share of the sun that is hidden; fixed to the world
+uniform float shade_share;
+uniform vec2 shade_eye;                  // the camera centre's place in the pattern
+uniform vec3 shade_across;               // world to pattern, along the sun's rays
+uniform vec3 shade_along;
+#endif
 #ifdef WITH_TEXTURE
 in vec2 v_uv;
 uniform sampler2D image;
@@ -73,6 +88,9 @@ void main()
     sunlit = lit(sun_map, v_sun_box, sun_step);
     open = 0.35 + 0.65 * lit(zenith_map, v_zenith_box, zenith_step);
 #endif
+#ifdef WITH_SHADE
+    sunlit *= 1.0 - shade_share * texture(shade, shade_eye + vec2(dot(shade_across, v_ray), dot(shade_along, v_ray))).r;
+#endif
     vec3 light = albedo * (v_sun * sunlit + v_ambient * open);
 #ifdef WITH_GLOSS
     float inverse = inversesqrt(dot(v_ray, v_ray));
@@ -86,6 +104,16 @@ void main()
     float smoothness = min(1.0, 24.0 * v_gloss);
     vec2 at = 0.5 + 0.5 * mirrored.xy * inversesqrt(2.0 * max(1.0 + mirrored.z, 0.002));
     vec3 seen = textureLod(sky, at, 6.0 * (1.0 - smoothness)).rgb;
+#ifdef WITH_MIRRORS
+    // What the mirrored ray meets 12 m away: houses and trees that stand still while the mirror moves.
+    vec3 met = town_eye + v_ray + mirrored * (12.0 / max(length(mirrored.xy), 0.1));
+    vec3 house = texture(town, met.xy / town_m).rgb;
+    float edge = max(0.1, fwidth(met.z));
+    float wall = smoothstep(-edge, edge, house.r - met.z) * smoothstep(-edge, edge, met.z);
+    vec3 front = front_light * house.g + front_glint * house.b;
+    seen = mix(seen, front, wall * min(1.0, 3.0 * mirrors) * smoothness);
+    share = min(0.9, share * (1.0 + 2.5 * mirrors * smoothness));
+#endif
     float glint = clamp(dot(mirrored, to_sun), 0.0001, 1.0);
     seen = seen * mix(open, 1.0, 0.35) + sun_glint * (pow(glint, 1500.0) * sunlit * smoothness);
     light = mix(light, seen, share);
