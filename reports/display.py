@@ -78,7 +78,8 @@ def _with_unit(row: pd.Series) -> str:
     return f"{number(row['value'], row['unit'])} {unit_of(row['unit'])}".strip()
 
 
-def _interval(row: pd.Series) -> str:
+def interval_text(row: pd.Series) -> str:
+    """A metric's interval; empty where there is none."""
     if not (math.isfinite(row["ci_low"]) and math.isfinite(row["ci_high"])):
         return ""
     return f"{number(row['ci_low'], row['unit'])} … {number(row['ci_high'], row['unit'])}"
@@ -107,7 +108,7 @@ def _accuracy_cards(found: Mapping[tuple[str, str, str, str], pd.Series]) -> Ite
         yield Card(title, _with_unit(rms), remark)
         efficiency = found.get((quantity, axis, "efficiency", ""))
         if efficiency is not None:
-            interval = _interval(efficiency)
+            interval = interval_text(efficiency)
             remark = f"95 %: {interval}" if interval else "bound / RMS"
             yield Card(f"{title.split(',')[0]}, efficiency", number(efficiency["value"]), remark)
 
@@ -163,7 +164,7 @@ def error_groups(metrics: pd.DataFrame, estimator: str) -> list[Group]:
 def _cell(row: pd.Series | None) -> Cell:
     if row is None:
         return Cell("–")
-    return Cell(number(row["value"], row["unit"]), _interval(row) if row["statistic"] in _WITH_INTERVAL else "")
+    return Cell(number(row["value"], row["unit"]), interval_text(row) if row["statistic"] in _WITH_INTERVAL else "")
 
 
 def depth_bins(metrics: pd.DataFrame, estimators: list[str]) -> list[tuple[str, list[list[str]]]]:

@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template, select
 
 from estimators.estimate import EstimationFailed
 from reports import display
+from reports.front_end_display import front_end_section
 from reports.run import Run, evaluate_run, load_run, write_figures, write_tables
 from sim.archive import write_text
 
@@ -64,7 +65,7 @@ def write_report(run_folder: Path, name: str | None = None) -> Path:
     run = load_run(run_folder, name)
     evaluations = evaluate_run(run)
     metrics = write_tables(run, evaluations)
-    figures = write_figures(run, evaluations)
+    figures = write_figures(run, evaluations, metrics)
     path = run_folder / "report.html"
     write_text(path, render(run, metrics, figures))
     return path
@@ -82,7 +83,9 @@ def render(run: Run, metrics: pd.DataFrame, figures: Mapping[str, Path]) -> str:
         statistics=display.HEADINGS,
         bins=display.depth_bins(metrics, labels),
         labels=labels,
-        figures=[(key, *FIGURES[key], embedded(path)) for key, path in figures.items()],
+        figures=[(key, *text, embedded(figures[key])) for key, text in FIGURES.items() if key in figures],
+        front_end=front_end_section(metrics) if run.tracked else None,
+        front_end_figure=embedded(figures["front_end"]) if run.tracked else None,
         settings=list(display.settings(run.scenario)),
         stages=run.stages_s,
         provenance=run.provenance,

@@ -70,7 +70,7 @@ def metrics_table(evaluations: Sequence[Evaluation], stages: Mapping[str, float]
         first = evaluations[0]
         rows += [
             {"scenario": first.scenario, "seed": first.seed, "runs": 1, "estimator": "", "entity": stage}
-            | _row("runtime", "all", "sum", seconds, "s", "lower", 1)
+            | metric_row("runtime", "all", "sum", seconds, "s", "lower", 1)
             for stage, seconds in (stages or {}).items()
         ]
     return as_table(rows)
@@ -95,7 +95,7 @@ def _gathered(group: Sequence[Evaluation]) -> Pooled:
     )
 
 
-def _row(
+def metric_row(
     quantity: str, axis: str, statistic: str, value: float, unit: str, direction: Direction, n: int
 ) -> dict[str, Any]:
     return {
@@ -184,7 +184,7 @@ def _error_rows(
                 continue
             value, low, high = estimate(s, data, overlap, f"{quantity}/{axis}/{name}")
             if np.isfinite(value):
-                row = _row(quantity, axis, name, value, s.unit or UNITS[quantity], s.direction, len(data.run))
+                row = metric_row(quantity, axis, name, value, s.unit or UNITS[quantity], s.direction, len(data.run))
                 yield row | {"ci_low": low, "ci_high": high}
 
 
@@ -204,7 +204,7 @@ def _nees_rows(nees: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for quantity, part in nees[nees["disjoint"].astype(bool)].groupby("quantity", sort=False, observed=True):
         values = part["nees"].to_numpy(float)[:, None] / DOF
         mean, lower, upper = pooled_nees(part["nees"].to_numpy(float))
-        row = _row(str(quantity), "all", "nees", mean, "1", "one", len(values))
+        row = metric_row(str(quantity), "all", "nees", mean, "1", "one", len(values))
         low, high = interval(lambda v: v[..., 0].mean(axis=-1), values, 1, stream(0, 0, f"{quantity}/nees"))
         band = {"reference": f"{lower:.3f}..{upper:.3f}", "source": "99 % chi-square band, disjoint windows"}
         yield row | {"ci_low": low, "ci_high": high} | band
@@ -225,14 +225,14 @@ def _support_rows(p: Pooled) -> Iterator[dict[str, Any]]:
     """Share of the wanted frames that have an estimate, tracks taken for outliers, failures by reason, run time."""
     wanted, estimated, windows, failed = (int(p.support[k].sum()) for k in SUPPORT_COLUMNS[:4])
     if wanted:
-        row = _row("trajectory", "all", "converged", estimated / wanted, "1", "higher", wanted)
+        row = metric_row("trajectory", "all", "converged", estimated / wanted, "1", "higher", wanted)
         yield row | _over_runs(p.support[["estimated", "wanted"]])
-    yield _row("trajectory", "all", "failed", failed, "1", "lower", windows)
+    yield metric_row("trajectory", "all", "failed", failed, "1", "lower", windows)
     yield from _outlier_rows(p.outliers)
     for reason, count in p.failures.value_counts(sort=False).items():
-        yield _row("failure", "all", "failed", count, "1", "lower", windows) | {"entity": reason}
+        yield metric_row("failure", "all", "failed", count, "1", "lower", windows) | {"entity": reason}
     if len(p.runtime_s):
-        yield _row("runtime", "all", "median", float(np.median(p.runtime_s)), "s", "lower", len(p.runtime_s))
+        yield metric_row("runtime", "all", "median", float(np.median(p.runtime_s)), "s", "lower", len(p.runtime_s))
 
 
 def _outlier_rows(outliers: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -241,5 +241,5 @@ def _outlier_rows(outliers: pd.DataFrame) -> Iterator[dict[str, Any]]:
         return
     for name in OUTLIER_COLUMNS:
         counts = outliers[name].astype(float)
-        row = _row("outlier", "all", name, counts.mean(), "1", "higher" if name == "tp" else "lower", len(counts))
+        row = metric_row("outlier", "all", name, counts.mean(), "1", "higher" if name == "tp" else "lower", len(counts))
         yield row | _over_runs(counts.groupby(outliers["run"]).agg(["sum", "size"]))

@@ -21,7 +21,8 @@ from reports.errors import ERROR_COLUMNS, compare_windows
 from reports.evaluation import Evaluation, evaluate
 from reports.figures.strip import strip_frames
 from reports.figures.style import STYLE
-from reports.metrics import metrics_table
+from reports.front_end import front_end_rows, pixel_errors
+from reports.metrics import as_table, metrics_table
 from sim.archive import write_atomically
 from sim.observations import Observations
 from sim.truth import Truth
@@ -45,6 +46,16 @@ class Run:
     estimates: Mapping[str, TrajectoryEstimate | EstimationFailed]
 
     @property
+    def tracked(self) -> bool:
+        """Whether the observations are tracks of the image front end."""
+        return self.observed.name == "tracks"
+
+    @property
+    def observed(self) -> Path:
+        """The folder that the estimators were given."""
+        return _observed(self.folder)
+
+    @property
     def seed(self) -> int:
         return int(self.scenario["seed"])
 
@@ -55,6 +66,11 @@ class Run:
         return {name: float(stage["seconds"]) for name, stage in stages.items() if name != "report"}
 
 
+def _observed(folder: Path) -> Path:
+    tracks = folder / "tracks"
+    return tracks if tracks.is_dir() else folder / "observations"
+
+
 def load_run(folder: Path, name: str | None = None) -> Run:
     """Reads a run folder; the scenario's name defaults to that of a folder ``<scenario>-<seed>``.
 
@@ -63,14 +79,15 @@ def load_run(folder: Path, name: str | None = None) -> Run:
     """
     scenario, provenance = (json.loads((folder / f).read_text("utf-8")) for f in ("scenario.json", "provenance.json"))
     labels = [e.get("label") or e["name"] for e in scenario["estimator"]]
+    labelled = folder / "labels"
     folders = {label: folder / "estimates" / label for label in labels}
     return Run(
         folder,
         name or folder.resolve().name.removesuffix(f"-{scenario['seed']}"),
         scenario,
         provenance,
-        Truth.load(folder / "truth"),
-        Observations.load(folder / "observations"),
+        Truth.load(labelled if labelled.is_dir() else folder / "truth"),
+        Observations.load(_observed(folder)),
         {label: load_estimate(path) for label, path in folders.items() if path.is_dir()},
     )
 
@@ -104,14 +121,26 @@ def write_tables(run: Run, evaluations: list[Evaluation]) -> pd.DataFrame:
     """Writes errors.parquet and metrics.csv; returns the metrics."""
     errors = pd.concat([e.comparison[ERROR_COLUMNS] for e in evaluations], ignore_index=True)
     metrics = metrics_table(evaluations, run.stages_s)
+    if run.tracked:
+        metrics = pd.concat([metrics, _front_end_metrics(run)], ignore_index=True)
     write_atomically(run.folder / "errors.parquet", lambda p: errors.to_parquet(p, index=False))
     write_atomically(run.folder / "metrics.csv", lambda p: metrics.to_csv(p, index=False))
     return metrics
 
 
-def write_figures(run: Run, evaluations: list[Evaluation]) -> dict[str, Path]:
+def _front_end_metrics(run: Run) -> pd.DataFrame:
+    seconds = run.stages_s["track"] / len(run.truth.t_s)
+    whose = {"scenario": run.name, "seed": run.seed, "runs": 1, "estimator": ""}
+    return as_table(whose | row for row in front_end_rows(run.truth, run.observations.tracks, seconds))
+
+
+def write_figures(run: Run, evaluations: list[Evaluation], metrics: pd.DataFrame) -> dict[str, Path]:
     """Writes every figure as PNG, SVG and PDF into figures/; the PNG by name, in the report's order."""
-    return save_figures(run.folder / "figures", _figures(run, evaluations))
+    drawn = _figures(run, evaluations)
+    if run.tracked:
+        errors = pixel_errors(run.truth, run.observations.tracks)
+        drawn["front_end"] = figures.front_end(errors, metrics, run.truth.t_s, run.truth.labels.kinds)
+    return save_figures(run.folder / "figures", drawn)
 
 
 def save_figures(folder: Path, figures: Mapping[str, Figure]) -> dict[str, Path]:
@@ -156,7 +185,7 @@ def left_images(run: Run, frames: Int[Array, "f"]) -> dict[int, UInt8[Array, "h 
         return {}
     found = {}
     for frame in frames.tolist():
-        image = cv2.imread(str(run.folder / "observations" / names[frame][0]), cv2.IMREAD_COLOR)
+        image = cv2.imread(str(run.observed / names[frame][0]), cv2.IMREAD_COLOR)
         if image is not None:
             found[frame] = np.asarray(image[:, :, ::-1], np.uint8)
     return found
