@@ -16,7 +16,11 @@ Selection = Literal["sliding", "thinned", "growing", "whole"]
 Solver = Literal["newton", "gauss_newton", "line_search", "levenberg_marquardt"]
 Outliers = Literal["none", "ransac", "points", "points_source", "tracks", "tracks_source", "robust"]
 
-_WHY = {"propagation": "says nothing where weights are estimated; expected linear"}
+_BATCHED = ("points", "points_source", "tracks", "tracks_source")
+_WHY = {
+    "propagation": "says nothing where weights are estimated; expected linear",
+    "batches": f"expected 1 or more, with outliers one of {', '.join(_BATCHED)}",
+}
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,8 @@ class Configuration:
         "newton" ours, points solved anew for the poses of every iteration; the source's "gauss_newton", "line_search",
         "levenberg_marquardt" by bordered normal equations; stop, tolerance, max_iterations (2.1.5).
     Outliers (3.4)
-        detector among the tracks of a window, see `estimators.stereo.outliers`; extent_m: largest extent of the object
+        detector among the tracks of a window, see `estimators.stereo.outliers`; batches: of tracks that a statistical
+        one may drop at most, None what it does by itself; extent_m: largest extent of the object
         where it is known, 0 where not: tracks farther out go first (3.4.2.1), and start values come from the cloud
         again when the object frame has drifted off by so much (3.7.1.3).
     Start values and datum (3.7, 3.1.7)
@@ -60,6 +65,7 @@ class Configuration:
     tolerance: float = 1e-6
     max_iterations: int = 50
     outliers: Outliers = "none"
+    batches: int | None = None
     extent_m: float = 0.0
     initial: Axes | Literal["best", "shared_tracks"] = "best"
     points: Literal["mean", "median", "propagated"] = "mean"
@@ -77,6 +83,7 @@ class Configuration:
             "propagation": self.propagation == "linear" or self.weights != "estimated",
             "tolerance": self.tolerance > 0,
             "max_iterations": self.max_iterations >= 1,
+            "batches": self.batches is None or (self.batches >= 1 and self.outliers in _BATCHED),
             "extent_m": 0 <= self.extent_m < float("inf"),
             "smoothing.tied": self.smoothing.tied < self.window,
         }

@@ -26,7 +26,7 @@ from estimators.stereo.object_motion import (
     motion_covariance,
     redundancy,
 )
-from estimators.stereo.outliers import DETECTORS, PriorKnowledge, Verdict, select_points
+from estimators.stereo.outliers import DETECTORS, PointTest, PriorKnowledge, TrackTest, Verdict, select_points
 from estimators.stereo.solvers import adjust_full
 from estimators.stereo.triangulation import Propagation, triangulate, undistorted
 from sim.camera import StereoRig
@@ -210,7 +210,13 @@ class _Adjustment:
             return DETECTORS[detector](w.problem, start, replace(self, config=rough).solve)
         seeing = replace(self, config=replace(rough, weights="observed", propagation="linear"))
         seen = _Window.of(w.points, w.frames, seeing.config)
-        return DETECTORS[detector](seen.problem, seeing.best(seen, start, 0, _median).start, seeing.solve)
+        return self._detector()(seen.problem, seeing.best(seen, start, 0, _median).start, seeing.solve)
+
+    def _detector(self) -> Callable[..., Verdict]:
+        found, batches = DETECTORS[self.config.outliers], self.config.batches
+        if batches is None or not isinstance(found, PointTest | TrackTest):
+            return found
+        return replace(found, max_iterations=batches)
 
     def best(
         self, w: _Window, start: Poses | None, tied: int, misfit: Callable[[ImageProblem, _Fit], float] = _sum

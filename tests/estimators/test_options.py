@@ -34,6 +34,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "three_points": {"datum": "three_points"},
     "tied": {"smoothing": Smoothing(tied=2)},
     "known extent": {"extent_m": 6.0},
+    "three batches": {"outliers": "tracks", "batches": 3},
     "axis": {"rotation_axis": RotationAxis("fixed")},
     "turn": {"smoothing": TURN},
     "turn, axis, image space": {"smoothing": TURN, "rotation_axis": RotationAxis("adaptive"), "space": "image"},
