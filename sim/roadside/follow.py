@@ -23,7 +23,7 @@ _STEP_M = 1.0
 _SMOOTH_M, _FAR_SMOOTH_M, _NEAR_M = 4.0, 60.0, 30.0
 # Nothing lower than this stands closer to a driven path than that.
 _LOW_M, _CLEARANCE_M = 3.0, 1.9
-_CROWN_M = 4.0
+_CROWN_M, _EAVES_M = 4.0, 0.6
 # Things in the inside of a bend are left out where it squeezes them below this share of their length.
 _SQUEEZE = 0.5
 
@@ -155,5 +155,14 @@ def _kept_faces(faces: Array, vertices: Array, squeezed: Array, driven: Array) -
         size = np.bincount(part, minlength=count)
         middle = np.stack([np.bincount(part, vertices[:, i], count) / np.maximum(size, 1) for i in (0, 1)], axis=1)
         gone = cKDTree(middle[bad]).query(middle, distance_upper_bound=_CROWN_M)[0]
-        bad |= np.isfinite(gone) & (lowest >= 1.0)
+        bad |= (np.isfinite(gone) | _upon(middle, part, vertices, bad)) & (lowest >= 1.0)
     return np.asarray(~bad[part[faces[:, 0]]])
+
+
+def _upon(middle: Array, part: Array, vertices: Array, bad: Array) -> Bool[Array, "n"]:
+    """Parts whose middle is above one of the bad parts' boxes, as a roof's are above the house's."""
+    low, high = np.full((len(middle), 2), np.inf), np.full((len(middle), 2), -np.inf)
+    np.minimum.at(low, part, vertices[:, :2])
+    np.maximum.at(high, part, vertices[:, :2])
+    inside = (middle[:, None] > low[bad] - _EAVES_M) & (middle[:, None] < high[bad] + _EAVES_M)
+    return np.asarray(inside.all(axis=2).any(axis=1))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import cKDTree
 
 from sim.roadside import Path, build_roadside, follow
@@ -58,3 +59,18 @@ def test_nothing_low_stands_where_something_drives(turn: float) -> None:
             if name != "ground":
                 low = surface.vertices[surface.vertices[:, 2] < 1.0]
                 assert cKDTree(driven).query(low[:, :2])[0].min(initial=9.0) > 1.9
+
+
+@pytest.mark.parametrize("y", [18.0, 27.0, 62.0])
+def test_where_a_house_gives_way_nothing_of_its_roof_stays_in_the_air(y: float) -> None:
+    street = build_roadside(np.random.default_rng(3))
+    across = np.stack([np.linspace(-40, 40, 200), np.full(200, y)], axis=1)
+    (before,), (after,) = (
+        [m for name, m, _ in things if name == "houses"] for things in (street, follow(street, None, across))
+    )
+    assert len(after.solid_faces) < len(before.solid_faces)
+    parts = trimesh.Trimesh(after.solid_vertices, after.solid_faces).split(only_watertight=False)
+    boxes = np.array([p.bounds for p in parts])
+    for low, high in boxes[boxes[:, 0, 2] > 2.0]:
+        below = (boxes[:, 0, 2] < 1.0) & np.all((boxes[:, 0] < high + 0.6) & (boxes[:, 1] > low - 0.6), axis=1)
+        assert below.any(), (low, high)
