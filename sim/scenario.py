@@ -254,7 +254,7 @@ class Realism(Spec):
     rain: Fraction = 0
     """Drops on the windscreen; at 1 some 70 a second fall into a view of 54 degrees."""
     wiper_s: Annotated[float, Field(ge=0, le=60)] = 0
-    """Time from one wiper pass, out and back, to the next [s]; 0 for none, else at least 0.5."""
+    """Time from one wiper pass, out and back, to the next [s]; 0 for none, else at least 0.8."""
     exposure_ms: Annotated[float, Field(ge=0, le=100)] = 0
     """Exposure time, whose middle is the frame's time: what moves is blurred."""
     exposure_step_ev: Annotated[float, Field(ge=0, le=6)] = 0
@@ -265,8 +265,8 @@ class Realism(Spec):
     @field_validator("wiper_s")
     @classmethod
     def _not_faster_than_wipers_are(cls, period_s: float) -> float:
-        if 0 < period_s < 0.5:
-            raise ValueError("should be 0 or at least 0.5")
+        if 0 < period_s < 0.8:
+            raise ValueError("should be 0 or at least 0.8")
         return period_s
 
     @property

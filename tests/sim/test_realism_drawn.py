@@ -261,7 +261,7 @@ def test_passing_cars_are_the_same_again_and_refused_where_there_is_no_room(scen
     [
         ({"rain": 1.5}, "rain"),
         ({"glare": -0.1}, "glare"),
-        ({"wiper_s": 0.2}, "should be 0 or at least 0.5"),
+        ({"wiper_s": 0.5}, "should be 0 or at least 0.8"),
         ({"exposure_ms": 41.0}, "a frame lasts 40 ms"),
         ({"occluders": 21}, "occluders"),
         ({"fog": 1.0}, "fog"),

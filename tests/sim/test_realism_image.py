@@ -37,7 +37,7 @@ KEYS: dict[str, dict[str, Any]] = {
     "glare": {"glare": 0.5},
     "dirt": {"dirt": 0.8},
     "rain": {"rain": 0.8},
-    "wiper": {"wiper_s": 0.5},
+    "wiper": {"wiper_s": 0.8},
     "steps": {"exposure_step_ev": 2.0},
 }
 
@@ -87,7 +87,7 @@ def test_each_is_deterministic_in_seed_run_side_and_time_and_leaves_its_input(
     image: Array, setting: dict[str, Any]
 ) -> None:
     realism, before = Realism(**setting), image.copy()
-    wiper = Wiper.before(CAMERA, BASELINE_M, 0.5, 3, 0)
+    wiper = Wiper.before(CAMERA, BASELINE_M, 0.8, 3, 0)
     t_s = wiper.start_s - wiper.low_m / wiper.speed_mps if "wiper_s" in setting else 0.9  # the blade before the middle
     first = disturbed(image, realism, shot(t_s=t_s))
     np.testing.assert_array_equal(first, disturbed(image, realism, shot(t_s=t_s)))
