@@ -7,14 +7,15 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtri
 
 from sim.camera import Camera
 from sim.realism.windscreen import area_m2, defocus_px, laid_over, px_per_m
 from sim.streams import stream
 
 Array = np.ndarray
-_SPOTS_PER_M2 = 2400
-_MEDIAN_M, _LOG_SPREAD, _LARGEST_M = 0.004, 0.6, 0.02
+_SPOTS_PER_M2 = 11_000
+_MEDIAN_M, _LOG_SPREAD, _LARGEST_M = 0.0015, 0.8, 0.01
 
 
 @lru_cache(maxsize=4)
@@ -23,9 +24,10 @@ def spots(camera: Camera, level: float, seed: int, run: int, side: str) -> Float
     rng = stream(seed, run, f"camera/{side}/dirt")
     (w, h), scale = camera.size_px, px_per_m(camera)
     n = round(level * _SPOTS_PER_M2 * area_m2(camera))
-    middle = rng.uniform((0, 0), (w, h), (n, 2))
-    radius = scale * np.minimum(_MEDIAN_M * np.exp(_LOG_SPREAD * rng.standard_normal(n)), _LARGEST_M)
-    longer, turn, opacity = rng.uniform(1, 1.8, n), rng.uniform(0, 180, n), rng.uniform(0.2, 0.85, n)
+    share = rng.random((n, 6))  # row by row: a higher level adds spots to those of a lower one
+    middle = share[:, :2] * (w, h)
+    radius = scale * np.minimum(_MEDIAN_M * np.exp(_LOG_SPREAD * ndtri(share[:, 2])), _LARGEST_M)
+    longer, turn, opacity = 1 + 0.8 * share[:, 3], 180 * share[:, 4], 0.2 + 0.65 * share[:, 5]
     mask = np.zeros((h, w), np.float32)
     for k in np.argsort(opacity):
         axes = (float(2 * radius[k] * longer[k]), float(2 * radius[k] / longer[k]))

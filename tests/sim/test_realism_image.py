@@ -194,6 +194,7 @@ def test_dirt_stands_still_covers_a_quarter_and_lies_elsewhere_for_the_other_cam
     assert 0.15 < np.mean(covered) < 0.4
     left, right = (spots(CAMERA, 1.0, 3, 0, side) for side in ("left", "right"))
     assert abs(np.corrcoef(left.ravel(), right.ravel())[0, 1]) < 0.4
+    assert np.all(left >= spots(CAMERA, 0.5, 3, 0, "left") - 1e-6)  # a higher level adds spots
     realism = Realism(dirt=1.0)
     first, later = (disturbed(image, realism, shot(t_s=t)) for t in (0.2, 0.9))
     np.testing.assert_array_equal(first, later)
