@@ -36,6 +36,7 @@ def observations(ego: bool = True) -> Observations:
         "target",
         Pose(exp_so3(r), 10 * r) if ego else None,
         (("l/0.png", "r/0.png"),) * 4 if ego else None,
+        ("m/0.png",) * 4 if ego else None,
     )
 
 
@@ -51,7 +52,7 @@ def test_round_trip(tmp_path: Path, ego: bool) -> None:
     np.testing.assert_array_equal(p.rig.left.K, RIG.left.K)
     np.testing.assert_array_equal(p.rig.T_rl.t, RIG.T_rl.t)
     assert p.rig.right.size_px == (640, 480)
-    assert (p.entity, p.images) == (o.entity, o.images)
+    assert (p.entity, p.images, p.masks) == (o.entity, o.images, o.masks)
     assert (p.T_wc is None) == (not ego)
     if ego:
         assert p.T_wc is not None
@@ -60,7 +61,7 @@ def test_round_trip(tmp_path: Path, ego: bool) -> None:
 
 
 def test_round_trip_without_any_observation(tmp_path: Path) -> None:
-    o = replace(observations(), tracks=tracks().select(slice(0, 0)))
+    o = replace(observations(), tracks=Tracks.none())
     o.save(tmp_path)
     p = Observations.load(tmp_path)
     assert len(p.tracks) == 0
@@ -129,6 +130,13 @@ def test_frames_and_ego_poses_must_fit_the_times() -> None:
         replace(observations(), T_wc=Pose.identity((3,)))
     with pytest.raises(ValueError, match="frame outside"):
         replace(observations(), tracks=replace(tracks(), frame=np.array([-1, -1, 1, 1, 3])))
+
+
+def test_every_frame_has_its_images() -> None:
+    with pytest.raises(ValueError, match=r"Observations\.images: expected 4 frames, got 1"):
+        replace(observations(), images=(("l/0.png", "r/0.png"),))
+    with pytest.raises(ValueError, match=r"Observations\.masks: expected 4 frames, got 5"):
+        replace(observations(), masks=("m/0.png",) * 5)
 
 
 def test_ego_poses_must_be_finite() -> None:

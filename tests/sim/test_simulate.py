@@ -237,6 +237,14 @@ def test_one_frame_can_be_simulated(make_scenario: Maker) -> None:
     np.testing.assert_allclose(truth.velocity_w, [[0, -10, 0]], atol=1e-9)
 
 
+def test_points_to_be_tracked_in_images_are_none_yet(make_scenario: Maker, world: World, product: Product) -> None:
+    """What could be tracked is known from the geometry: as many points as are projected."""
+    o, truth = simulate(make_scenario(measure={"from": "images"}), 0, world)
+    assert len(o.tracks) == len(truth.track) == len(truth.labels.kind) == 0
+    np.testing.assert_array_equal(truth.visible_points, product[1].visible_points)
+    np.testing.assert_array_equal(truth.T_wc.t, product[1].T_wc.t)
+
+
 def test_products_return_from_disk(product: Product, tmp_path: Path) -> None:
     product[0].save(tmp_path / "observations")
     product[1].save(tmp_path / "truth")
