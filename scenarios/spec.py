@@ -11,10 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import Field, ValidationError, create_model, model_validator
+from pydantic import Field, ValidationError, create_model, field_validator, model_validator
 
 from estimators import registry
-from sim.scenario import Name, Scenario, ScenarioError, Spec, explain, nearest
+from estimators.stereo.features import FrontEnd
+from sim.scenario import Measure, MotionSegmentation, Name, Scenario, ScenarioError, Spec, explain, nearest
 
 FOLDER = Path(__file__).parent
 # Keys that hold paths; in a file they are relative to it, on the command line to the working folder.
@@ -45,9 +46,24 @@ class EstimatorSpec(Spec):
         return registry()[self.name](**self.arguments)
 
 
-def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
+class FrontEndSpec(Spec):
+    """The image front end by its constructor's arguments, but for what ``measure`` says: points and segmentation."""
+
+    @model_validator(mode="after")
+    def _constructible(self) -> FrontEndSpec:
+        self.build(Measure())
+        return self
+
+    def build(self, measure: Measure) -> FrontEnd:
+        """The front end itself; raises ValueError where its constructor does."""
+        motion = isinstance(measure.segmentation, MotionSegmentation)
+        return FrontEnd(points=measure.points, segmentation="motion" if motion else "given", **dict(self))
+
+
+def _constructor(cls: type[Any]) -> dict[str, Any]:
+    """The arguments of a dataclass as the fields of a model."""
     hints = get_type_hints(cls)
-    fields: dict[str, Any] = {"name": (Literal[name], ...)}
+    fields: dict[str, Any] = {}
     for f in dataclasses.fields(cls):
         if f.default is not dataclasses.MISSING:
             default: Any = f.default
@@ -56,7 +72,18 @@ def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
         else:
             default = ...
         fields[f.name] = (hints[f.name], default)
+    return fields
+
+
+def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
+    fields = {"name": (Literal[name], ...)} | _constructor(cls)
     return create_model(f"estimator_{name}", __base__=EstimatorSpec, __doc__=cls.__doc__, **fields)
+
+
+def _front_end_model() -> type[FrontEndSpec]:
+    said = ("points", "segmentation")
+    fields = {name: field for name, field in _constructor(FrontEnd).items() if name not in said}
+    return create_model("front_end", __base__=FrontEndSpec, __doc__=FrontEnd.__doc__, **fields)
 
 
 def one_of(models: Sequence[type[Spec]]) -> Any:
@@ -73,12 +100,28 @@ def estimator_type() -> Any:
 @functools.cache
 def run_model() -> type[Scenario]:
     """The model of a scenario file with the estimators that are installed."""
-    one = estimator_type()
+    one, front_end_model = estimator_type(), _front_end_model()
 
     class Run(Scenario):
-        """A scenario file: world, measurement and estimators."""
+        """A scenario file: world, measurement, image front end and estimators."""
 
+        front_end: front_end_model | None = None  # type: ignore[valid-type]  # made above
         estimator: Annotated[tuple[one, ...], Field(min_length=1)]  # type: ignore[valid-type]  # made above
+
+        @model_validator(mode="before")
+        @classmethod
+        def _front_end_of_images(cls, data: Any) -> Any:
+            measure = data.get("measure") if isinstance(data, dict) else None
+            images = isinstance(measure, dict) and measure.get("from") == "images"
+            return {"front_end": {}} | data if images else data
+
+        @field_validator("front_end")
+        @classmethod
+        def _front_end_acts(cls, given: Any, info: Any) -> Any:
+            measure = info.data.get("measure")  # not there where it is wrong itself
+            if given is not None and measure is not None and not measure.from_images:
+                raise ValueError(f"does nothing to points from {measure.source!r}")
+            return given
 
         @model_validator(mode="after")
         def _unique_labels(self) -> Run:

@@ -29,7 +29,9 @@ _PACKAGES = (
 _CODE = {
     "simulate": ("sim",),
     "render": ("sim",),
+    "track": ("sim", "estimators"),
     "estimate": ("sim", "estimators"),
+    "label": ("sim", "estimators", "reports"),
     "report": ("sim", "estimators", "reports"),
 }
 
@@ -143,7 +145,7 @@ class Store:
 
     def clear(self) -> None:
         """Removes all results: they follow from a simulation that is about to be replaced."""
-        self._discard("observations", "truth", "estimates", *_REPORTED)
+        self._discard("observations", "truth", "tracks", "labels", "estimates", *_REPORTED)
         self.provenance["stages"].clear()
         self._write()
 

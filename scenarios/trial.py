@@ -1,6 +1,7 @@
 """One trial: a scenario measured once, all its estimators on the same observations, held against the truth.
 
-A pure function of (scenario, run): the same tables in any process and any order.
+A pure function of (scenario, run): the same tables in any process and any order. Images, where points are tracked in
+them, go from the renderer to the front end frame by frame; nothing of a trial is written to disk.
 """
 
 from __future__ import annotations
@@ -74,6 +75,10 @@ def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
     started = time.perf_counter()
     world, view = _scene(_measured(spec).model_dump_json(by_alias=True), config_hash(_measured(spec)))
     observations, truth = simulate(spec, run, world, view)
+    if spec.measure.from_images:
+        from scenarios.in_memory import track_in_memory  # needs OpenGL, which projected points do not
+
+        observations, truth = track_in_memory(spec, run, world, observations, truth)
     seconds = {"": time.perf_counter() - started}
     evaluations, outliers = [], []
     for estimator in spec.estimator:
