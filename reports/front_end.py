@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from reports.bootstrap import interval_of_sums
 from reports.consistency import band, nees
@@ -149,7 +150,7 @@ def _drift_rows(rows: pd.DataFrame) -> Iterator[dict[str, Any]]:
 
 def _honesty_rows(good: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Mean NEES of the four pixel coordinates over their degrees of freedom, and the factor on all stated sigmas that
-    would make it one."""
+    would make it one; the same factor of the median, which the worst points do not touch."""
     lost = 2 * (1 - _degrees(good))  # the mean place of a track takes up both coordinates of the left image once
     count = good["track"].nunique()
     low, high = band(_DOF, count, 0.95)
@@ -157,6 +158,9 @@ def _honesty_rows(good: pd.DataFrame) -> Iterator[dict[str, Any]]:
     sums = (good["nees"].to_numpy(float), _DOF - lost)
     yield _pooled(("pixel", "all", "nees", "1", "one"), good, sums, _ratio) | said
     yield _pooled(("pixel", "all", "factor", "1", "one"), good, sums, _root_ratio)
+    share = (1 - lost.sum() / (_DOF * len(good))) * chi2.ppf(0.5, _DOF)
+    median = float(np.sqrt(good["nees"].median() / share))
+    yield metric_row("pixel", "all", "median_factor", median, "1", "one", len(good))
 
 
 def _track_rows(truth: Truth, errors: pd.DataFrame) -> Iterator[dict[str, Any]]:

@@ -107,3 +107,6 @@ def _honesty(found: Mapping[Key, pd.Series]) -> Iterator[Card]:
     good = low <= row["value"] <= high
     verdict = "inside" if good else f"stated σ off by {number(factor['value'])};"
     yield Card("Pixel NEES", number(row["value"]), f"{verdict} 95 % band {number(low)} … {number(high)}", good)
+    median = found.get(("pixel", "all", "median_factor", "", ""))
+    if median is not None:
+        yield Card("Stated σ off by", number(median["value"]), "for the median point")

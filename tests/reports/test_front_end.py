@@ -83,6 +83,8 @@ def test_an_honest_covariance_is_called_so(white: pd.DataFrame) -> None:
     """The bias adds BIAS² / MATCH² = 0.09 to one of four coordinates."""
     row = get(white, "pixel", "all", "nees")
     assert row["value"] == pytest.approx(1 + 0.09 / 4, abs=3 * np.sqrt(2 / (4 * 960)))
+    # The median of 960 chi-squares is known to 3 %.
+    assert get(white, "pixel", "all", "median_factor")["value"] == pytest.approx(1, abs=0.06)
     low, high = map(float, row["reference"].split(".."))
     assert low < row["value"] < high
 
