@@ -178,14 +178,16 @@ def test_a_scenario_resolved_twice_is_the_same() -> None:
     assert "front_end" in spec.json_schema()["properties"]
 
 
-def test_a_trial_sees_the_images_of_the_engine(small_run: Command) -> None:
-    """Tracks and labels of run 0 from memory are those from disk, bit by bit; another run has other noise."""
+def test_a_trial_sees_the_images_of_the_engine(small_run: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tracks and labels of run 0 from memory are those from disk, bit by bit, whether or not what is drawn is kept;
+    another run has other noise."""
     settings = "measure.segmentation={kind='wrong', dilate_px=2, holes=0.1, neighbour=0.2}"
     assert small_run(settings).status == 0
     scenario = spec.read("oncoming", (*SMALL, settings))
     world = build_world(scenario)
     tracks = []
-    for run in (0, 0, 1):
+    for run, kept in ((0, True), (0, True), (1, True), (0, False)):
+        monkeypatch.setattr("scenarios.in_memory._KEPT_BYTES", 2**28 if kept else 0)
         observations, truth = track_in_memory(scenario, run, world, *simulate(scenario, run, world))
         tracks.append(observations.tracks)
         if run == 0:
