@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,8 @@ from sim.archive import freeze_fields
 from sim.pose import Pose
 from sim.scenario import ScenarioError
 
+Row = tuple[int, int, str, list[float]]  # frame, track, type, numbers
+LEAST_FRAMES = 5  # a track with fewer cannot be smoothed
 _COLUMNS = 17  # frame id type truncated occluded alpha, box 4, size 3, location 3, ry; an 18th column is a score
 
 
@@ -40,7 +43,7 @@ def _lines(path: Path, key: str) -> list[str]:
     return text.splitlines()
 
 
-def _row(path: Path, number: int, line: str) -> tuple[int, int, str, list[float]]:
+def _row(path: Path, number: int, line: str) -> Row:
     parts = line.split()
     if len(parts) not in (_COLUMNS, _COLUMNS + 1):
         raise ScenarioError(f"{path}, line {number}: expected {_COLUMNS} columns, found {len(parts)}")
@@ -60,18 +63,35 @@ def read_track(path: Path, track: int, key: str = "motion") -> LabelTrack:
     Raises
         ScenarioError: the file cannot be read, a line is broken, or the track is not there.
     """
-    rows = [_row(path, i, line) for i, line in enumerate(_lines(path, f"{key}.labels"), 1) if line.strip()]
-    rows = [r for r in rows if r[2] != "DontCare"]
-    ids = sorted({r[1] for r in rows})
-    mine = sorted((r for r in rows if r[1] == track), key=lambda r: r[0])
+    rows = _rows(path, key)
+    mine = [r for r in rows if r[1] == track]
     if not mine:
-        raise ScenarioError(f"{key}.track: track {track} is not in {path}, which has {_spans(ids)}")
+        raise ScenarioError(f"{key}.track: track {track} is not in {path}, which has {_spans(rows)}")
+    if len(mine) < LEAST_FRAMES:
+        raise ScenarioError(f"{path}: track {track} has {len(mine)} frames; a replay needs at least {LEAST_FRAMES}")
+    return _label_track(path, mine)
+
+
+def read_tracks(path: Path, least: int = LEAST_FRAMES, key: str = "motion") -> dict[int, LabelTrack]:
+    """All tracks of a label file with at least so many rows (and `LEAST_FRAMES`), by their numbers; errors as above."""
+    rows = _rows(path, key)
+    numbers = Counter(r[1] for r in rows)
+    enough = sorted(n for n, count in numbers.items() if count >= max(least, LEAST_FRAMES))
+    return {n: _label_track(path, [r for r in rows if r[1] == n]) for n in enough}
+
+
+def _rows(path: Path, key: str) -> list[Row]:
+    rows = [_row(path, i, line) for i, line in enumerate(_lines(path, f"{key}.labels"), 1) if line.strip()]
+    return [r for r in rows if r[2] != "DontCare"]
+
+
+def _label_track(path: Path, rows: list[Row]) -> LabelTrack:
+    mine = sorted(rows, key=lambda r: r[0])
+    track = mine[0][1]
     frames = np.array([r[0] for r in mine])
     if len(np.unique(frames)) < len(frames):
         twice = frames[:-1][np.diff(frames) == 0][0]
         raise ScenarioError(f"{path}: track {track} stands twice in frame {twice}")
-    if len(frames) < 5:
-        raise ScenarioError(f"{path}: track {track} has {len(frames)} frames; a replay needs at least 5")
     v = np.array([r[3] for r in mine])
     h, w, length = np.median(v[:, 7:10], axis=0)
     if min(h, w, length) <= 0:
@@ -79,7 +99,8 @@ def read_track(path: Path, track: int, key: str = "motion") -> LabelTrack:
     return LabelTrack(mine[0][2], frames, (length, w, h), v[:, 10:13], v[:, 13], v[:, 1].astype(int))
 
 
-def _spans(ids: list[int]) -> str:
+def _spans(rows: list[Row]) -> str:
+    ids = sorted({r[1] for r in rows})
     if not ids:
         return "no tracks"
     if len(ids) > 12:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 from scipy.interpolate import make_smoothing_spline
 
 from sim.archive import freeze_fields
@@ -50,6 +51,7 @@ class Replay:
 # Spectral densities of the white second derivatives the smoothing assumes: cars at 1 g at most, gentle ego motion.
 _Q_POSITION = 4.0  # m²/s³
 _Q_HEADING = 0.1  # rad²/s³
+_AWAY_M = 1000.0
 _EGO_SIGMA_M, _EGO_SIGMA_RAD = 0.02, np.deg2rad(0.05)
 
 
@@ -89,24 +91,78 @@ def plan(
     Raises
         ValueError: there are fewer camera poses than the label's frames.
     """
-    if camera is not None and len(camera) <= label.frame[-1]:
-        raise ValueError(f"{len(camera)} camera poses, but the label goes to frame {label.frame[-1]}")
-    span = np.arange(label.frame[0], label.frame[-1] + 1)
-    t_span, t = (span - span[0]) / rate_hz, (label.frame - span[0]) / rate_hz
-    h = 1 / SAMPLE_HZ
-    at = np.arange(-round(MARGIN_S / h), round((t[-1] + MARGIN_S) / h) + 2) * h
-    if camera is None:
-        ego_xy, ego_heading = np.zeros((len(span), 2)), np.zeros(len(span))
-    else:
-        T = Pose(camera.R[span[0]], camera.t[span[0]]).inv() @ camera[span]
-        ego_xy, ego_heading = T.t[:, [0, 2]], np.unwrap(np.arctan2(T.R[:, 0, 2], T.R[:, 2, 2]))
-    ego = _planar(t_span, ego_xy, ego_heading, (_EGO_SIGMA_M, _EGO_SIGMA_RAD), at)
-    # The label's position from the unsmoothed camera pose it was made with; ry = 0 faces the camera's x.
-    i = label.frame - span[0]
-    c, s = np.cos(ego_heading[i]), np.sin(ego_heading[i])
-    x, z = label.location_c[:, 0], label.location_c[:, 2]
-    middle = ego_xy[i] + np.stack([c * x + s * z, -s * x + c * z], axis=1)
-    heading = np.unwrap(ego_heading[i] + label.ry + np.pi / 2)
-    axle = middle - rear_axle_m * np.stack([np.sin(heading), np.cos(heading)], axis=1)
-    target = _planar(t, axle, heading, (sigma_m, sigma_rad), at)
+    first = int(label.frame[0])
+    span = np.arange(first, label.frame[-1] + 1)
+    t_span, t = (span - first) / rate_hz, (label.frame - first) / rate_hz
+    at = _samples(0.0, float(t[-1]))
+    ego = _planar(t_span, *_camera_path(camera, span, first), (_EGO_SIGMA_M, _EGO_SIGMA_RAD), at)
+    target = _planar(t, *_vehicle_path(label, camera, first, rear_axle_m), (sigma_m, sigma_rad), at)
     return Replay(target, ego, t, label.occluded, 1 / rate_hz, float(t[-1]))
+
+
+@dataclass(frozen=True, eq=False)
+class Visit(Trajectory):
+    """A motion that is known, and seen, from ``from_s`` to ``to_s`` only: before and after it the body is out of the
+    world, far below the ground."""
+
+    from_s: float
+    to_s: float
+
+    def pose(self, t: ArrayLike) -> Pose:
+        there = (np.asarray(t) >= self.from_s) & (np.asarray(t) <= self.to_s)
+        T = super().pose(np.clip(t, self.from_s, self.to_s))
+        return Pose(T.R, T.t - np.where(there, 0.0, _AWAY_M)[..., None] * np.array([0.0, 0.0, 1.0]))
+
+
+def visit(
+    other: LabelTrack,
+    label: LabelTrack,
+    camera: Pose | None,
+    rear_axle_m: float,
+    rate_hz: float,
+    sigma_m: float,
+    sigma_rad: float,
+) -> Visit | None:
+    """Motion of another track of the same label file in the world that `plan` makes of ``label``; None where it is
+    not labelled at any time of that. Its parameters are those of `plan`.
+
+    It is there from half a label period before its first row to half a period after its last one.
+    """
+    first = int(label.frame[0])
+    t = (other.frame - first) / rate_hz
+    from_s, to_s = float(t[0] - 0.5 / rate_hz), float(t[-1] + 0.5 / rate_hz)
+    if to_s < 0 or from_s > (label.frame[-1] - first) / rate_hz:
+        return None
+    path = _vehicle_path(other, camera, first, rear_axle_m)
+    motion = _planar(t, *path, (sigma_m, sigma_rad), _samples(from_s, to_s))
+    return Visit(motion.t_s, motion.T_wb, from_s, to_s)
+
+
+def _samples(from_s: float, to_s: float) -> Array:
+    """Times of a motion's samples over a span and the margin on both sides."""
+    h = 1 / SAMPLE_HZ
+    return from_s + np.arange(-round(MARGIN_S / h), round((to_s - from_s + MARGIN_S) / h) + 2) * h
+
+
+def _camera_path(camera: Pose | None, frames: Int[Array, "k"], first: int) -> tuple[Array, Array]:
+    """Position (k, 2) and heading (k,) of the camera at frames, in the world of its pose at frame ``first``.
+
+    Raises
+        ValueError: there are fewer poses than frames.
+    """
+    if camera is None:
+        return np.zeros((len(frames), 2)), np.zeros(len(frames))
+    if len(camera) <= frames[-1]:
+        raise ValueError(f"{len(camera)} camera poses, but the label goes to frame {frames[-1]}")
+    T = Pose(camera.R[first], camera.t[first]).inv() @ camera[frames]
+    return T.t[:, [0, 2]], np.unwrap(np.arctan2(T.R[:, 0, 2], T.R[:, 2, 2]))
+
+
+def _vehicle_path(label: LabelTrack, camera: Pose | None, first: int, rear_axle_m: float) -> tuple[Array, Array]:
+    """Rear axle (k, 2) and heading (k,) of a label, from the unsmoothed camera poses it was made with."""
+    ego_xy, ego_heading = _camera_path(camera, label.frame, first)
+    c, s = np.cos(ego_heading), np.sin(ego_heading)
+    x, z = label.location_c[:, 0], label.location_c[:, 2]
+    middle = ego_xy + np.stack([c * x + s * z, -s * x + c * z], axis=1)
+    heading = np.unwrap(ego_heading + label.ry + np.pi / 2)  # ry = 0 faces the camera's x
+    return middle - rear_axle_m * np.stack([np.sin(heading), np.cos(heading)], axis=1), heading

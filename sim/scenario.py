@@ -145,6 +145,8 @@ class Labels(Spec):
     """Standard deviation of a label's position that the smoothing assumes."""
     smoothing_deg: NonNegative = 3.0
     """Standard deviation of a label's heading that the smoothing assumes."""
+    traffic: bool = False
+    """Whether the file's other vehicles drive, too, and hide what they hide, in place of the label's occlusion."""
 
 
 Motion = Annotated[Straight | Crossing | Turning | Braking | StopAndGo | Labels, Field(discriminator="kind")]

@@ -10,11 +10,11 @@ from jaxtyping import Float, Int
 
 from sim import meshes, traffic
 from sim.camera import Camera, StereoRig
-from sim.kitti import LabelTrack, read_poses, read_track
+from sim.kitti import LabelTrack, read_poses, read_track, read_tracks
 from sim.model import Model, VehicleModel
 from sim.pose import Pose, exp_so3, vehicle_rotation
 from sim.realism.passing import Driver, passing_cars
-from sim.replay import Replay, plan
+from sim.replay import Replay, plan, visit
 from sim.roadside import Path, build_roadside, follow
 from sim.scenario import Ego, Labels, Rig, Scenario, ScenarioError, Vehicle, nearest
 from sim.streams import stream
@@ -119,7 +119,7 @@ def build_world(scenario: Scenario) -> World:
     for v in scenario.vehicle:
         if v is target:
             motion = traffic.trajectory(v.motion, end_s) if replay is None else replay.target
-            seen = None if replay is None else replay.occlusion(t_s)
+            seen = None if replay is None else _label_occlusion(v, replay, t_s)
             actors.append(Actor(v.name, model, motion, seen))
         else:
             actors.append(Actor(v.name, _model(v, scenario, None), traffic.trajectory(v.motion, end_s)))
@@ -128,6 +128,7 @@ def build_world(scenario: Scenario) -> World:
     rig, nominal = make_rig(scenario.rig)
     T_wc = ego.pose(t_s) @ camera_mount(scenario.rig)
     actors += _passing(scenario, actors, T_wc, t_s)
+    actors += _traffic(scenario, label)
     moves = scenario.ego.motion is not None or scenario.ego.poses is not None
     props = _props(scenario, actors, ego, t_s) if scenario.world.roadside else ()
     return World(t_s, rig, nominal, ego, camera_mount(scenario.rig), moves, tuple(actors), scenario.target_index, props)
@@ -158,6 +159,36 @@ def _replay(vehicle: Vehicle, label: LabelTrack, model: VehicleModel, ego: Ego) 
         return plan(label, camera, middle, motion.label_rate_hz, motion.smoothing_m, np.deg2rad(motion.smoothing_deg))
     except ValueError as error:
         raise ScenarioError(f"ego.poses: {ego.poses}: {error}") from error
+
+
+def _label_occlusion(vehicle: Vehicle, replay: Replay, t_s: Array) -> Int[Array, "m"]:
+    """The label's occlusion; where its causes are in the world, only whether it was seen at all."""
+    assert isinstance(vehicle.motion, Labels)
+    level = replay.occlusion(t_s)
+    return np.minimum(level, 0) if vehicle.motion.traffic else level
+
+
+def _traffic(scenario: Scenario, label: LabelTrack | None) -> list[Actor]:
+    """The other vehicles of the target's label file, each for as long as it is labelled; they may touch, as labels do."""
+    motion, poses = scenario.target.motion, scenario.ego.poses
+    if label is None or not isinstance(motion, Labels) or not motion.traffic:
+        return []
+    camera = None if poses is None else read_poses(poses)
+    found = []
+    for number, other in read_tracks(motion.labels).items():
+        if number == motion.track or other.kind not in ("Car", *_MESH_OF_LABEL):
+            continue
+        name = f"track {number}"
+        rng = stream(scenario.seed, 0, f"{name}/mesh")
+        model = meshes.make_vehicle(_label_mesh(other), rng, other.size_m)
+        smoothing = motion.label_rate_hz, motion.smoothing_m, np.deg2rad(motion.smoothing_deg)
+        try:
+            there = visit(other, label, camera, model.size_m[0] / 2 - model.rear_overhang_m, *smoothing)
+        except ValueError as error:
+            raise ScenarioError(f"ego.poses: {poses}: {error}") from error
+        if there is not None:
+            found.append(Actor(name, model, there))
+    return found
 
 
 def _label_mesh(label: LabelTrack) -> str:

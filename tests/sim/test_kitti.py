@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.kitti import read_poses, read_track
+from sim.kitti import read_poses, read_track, read_tracks
 from sim.pose import exp_so3
 from sim.scenario import ScenarioError
 
@@ -68,6 +68,17 @@ def test_a_broken_line_is_named(write: Writer, line: str, message: str) -> None:
         read_track(path, 2)
     assert str(error.value).startswith(f"{path}, line 3: ")
     assert "\n" not in str(error.value)
+
+
+def test_all_tracks_that_are_long_enough(write: Writer) -> None:
+    lines = [*GOOD, *(row(f, 0, "Van") for f in range(20)), *(row(f, 7) for f in range(4)), *[DONT_CARE] * 9]
+    path = write(lines)
+    assert {n: (t.kind, len(t.frame)) for n, t in read_tracks(path).items()} == {0: ("Van", 20), 2: ("Car", 8)}
+    assert list(read_tracks(path, 1)) == [0, 2]  # four frames are never enough
+    assert list(read_tracks(path, 20)) == [0]
+    np.testing.assert_array_equal(read_tracks(path)[2].location_c, read_track(path, 2).location_c)
+    with pytest.raises(ScenarioError, match=r"vehicle\.0\.motion\.labels: cannot read"):
+        read_tracks(path.with_name("none.txt"), 20, "vehicle.0.motion")
 
 
 def test_a_missing_track_names_those_there(write: Writer) -> None:

@@ -7,7 +7,7 @@ import pytest
 
 from sim.kitti import LabelTrack
 from sim.pose import R_WORLD_FROM_LEVEL_CAMERA, Pose, heading_of, rot_z
-from sim.replay import Replay, plan
+from sim.replay import Replay, Visit, plan, visit
 
 Array = np.ndarray
 
@@ -130,3 +130,35 @@ def test_too_few_camera_poses_are_refused() -> None:
     with pytest.raises(ValueError, match="34 camera poses, but the label goes to frame 34"):
         planned(labelled(FRAMES, 9.0), camera_poses(34, 9.0, 0.0))
     planned(labelled(FRAMES, 9.0), camera_poses(35, 9.0, 0.0))
+
+
+def visiting(other: LabelTrack, label: LabelTrack, camera: Pose | None = None) -> Visit | None:
+    return visit(other, label, camera, REAR_AXLE_M, RATE_HZ, 0.1, np.deg2rad(3.0))
+
+
+def test_another_track_drives_in_the_same_world() -> None:
+    """The very same car, labelled two frames later and for a shorter time, is where it was; and only then."""
+    camera = camera_poses(40, 9.0, 0.3)
+    xy, psi = camera_motion(np.array([0.2]), 9.0, 0.3)
+    late = labelled(FRAMES[2:20], 9.0, 0.3)  # as seen from its own first frame: brought back into the target's world
+    back = visiting(late, labelled(FRAMES, 9.0, 0.3), camera)
+    assert back is not None
+    there = np.linspace(0.2, 1.9, 18)
+    c, s = np.cos(psi[0]), np.sin(psi[0])
+    path = middle(there - 0.2) @ np.array([[c, s], [-s, c]]).T + xy[0]
+    heading = HEADING + psi[0]
+    axle = path - REAR_AXLE_M * np.array([np.sin(heading), np.cos(heading)])
+    np.testing.assert_allclose(back.pose(there).t[:, :2], axle, atol=1e-6)
+    np.testing.assert_allclose(heading_of(back.pose(there).R), heading, atol=1e-7)
+    np.testing.assert_array_equal(back.pose(there).t[:, 2], 0)
+
+
+def test_a_visitor_is_there_for_as_long_as_it_is_labelled() -> None:
+    there = visiting(labelled(FRAMES[5:11]), labelled(FRAMES))
+    assert there is not None
+    t = np.arange(31) / RATE_HZ
+    np.testing.assert_array_equal(there.pose(t).t[:, 2] > -1, (t > 0.45) & (t < 1.05))
+    assert there.pose(0.0).t[2] < -100
+    assert visiting(labelled(FRAMES[-1] + 1 + np.arange(6)), labelled(FRAMES)) is None
+    with pytest.raises(ValueError, match="20 camera poses, but the label goes to frame 34"):
+        visiting(labelled(FRAMES), labelled(FRAMES[:10]), camera_poses(20, 9.0, 0.0))
