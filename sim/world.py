@@ -169,7 +169,7 @@ def _label_occlusion(vehicle: Vehicle, replay: Replay, t_s: Array) -> Int[Array,
 
 
 def _traffic(scenario: Scenario, label: LabelTrack | None) -> list[Actor]:
-    """The other vehicles of the target's label file, each for as long as it is labelled; they may touch, as labels do."""
+    """The other vehicles of the target's label file, each while it is labelled; they may touch, as labels do."""
     motion, poses = scenario.target.motion, scenario.ego.poses
     if label is None or not isinstance(motion, Labels) or not motion.traffic:
         return []

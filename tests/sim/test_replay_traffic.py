@@ -15,7 +15,8 @@ FRAMES = 12
 
 
 def row(frame: int, track: int, kind: str, occluded: int, x: float, z: float) -> str:
-    return f"{frame} {track} {kind} 0 {occluded} 0 0 0 0 0 1.5 1.7 4.2 {x} 1.65 {z} -1.5708"
+    size = "2.4 2.0 4.2" if kind == "Van" else "1.5 1.7 4.2"
+    return f"{frame} {track} {kind} 0 {occluded} 0 0 0 0 0 {size} {x} 1.65 {z} -1.5708"
 
 
 @pytest.fixture
