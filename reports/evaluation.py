@@ -16,7 +16,7 @@ from sim.observations import Tracks
 from sim.truth import Truth
 
 OUTLIER_COLUMNS = ["tp", "fp", "fn", "flagged"]
-_WINDOW_COLUMNS = ["t_s", *OUTLIER_COLUMNS]
+_WINDOW_COLUMNS = ["t_s", "tracks", *OUTLIER_COLUMNS]
 VISIBLE_POINTS = 30  # a frame with fewer visible points need not be estimated
 
 
@@ -26,8 +26,9 @@ class Evaluation:
 
     wanted: frames in which enough of the target is visible, estimated: those of them with an estimate; windows tried
     and failed; overlap: frames of the longest window; over_ground: what speed and yaw rate refer to; runtime_s NaN
-    where nothing was estimated; outliers: true, false and missed ones of every window at the time of its newest frame
-    (t_s, tp, fp, fn), and how many of the rejected tracks were flagged as another rigid body.
+    where nothing was estimated; outliers: tracks of every window, used or rejected, at the time of its newest frame,
+    true, false and missed outliers among them (t_s, tracks, tp, fp, fn), and how many of the rejected ones were flagged
+    as another rigid body.
     """
 
     scenario: str
@@ -91,8 +92,8 @@ def evaluate(
 
 
 def _outlier_counts(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) -> pd.DataFrame:
-    """True, false and missed outliers among the tracks of every window, and those flagged as another rigid body, at the
-    time of its newest frame.
+    """Tracks of every window, true, false and missed outliers among them, and those flagged as another rigid body, at
+    the time of its newest frame.
     """
     rows = []
     for window in estimate.windows:
@@ -101,6 +102,7 @@ def _outlier_counts(truth: Truth, tracks: Tracks, estimate: TrajectoryEstimate) 
         rows.append(
             (
                 float(truth.t_s[window.frames[-1]]),
+                len(window.track) + len(window.rejected),
                 hit,
                 len(window.rejected) - hit,
                 len(wrong) - hit,

@@ -35,8 +35,8 @@ class StudyResult:
 
     points: one row per point under its name, a column per swept key; scenarios: the resolved scenario of every point;
     estimators: labels in the file's order. comparison: error rows (quantity, t_s, entity, axis, error, sigma, truth,
-    bound, distance_m); nees (quantity, t_s, nees, disjoint); outliers (t_s, tp, fp, fn, flagged) of every window;
-    failures (kind, t_s, reason, traceback), kind "window", "estimation" or "exception" (the whole run, of no
+    bound, distance_m); nees (quantity, t_s, nees, disjoint); outliers (t_s, tracks, tp, fp, fn, flagged) of every
+    window; failures (kind, t_s, reason, traceback), kind "window", "estimation" or "exception" (the whole run, of no
     estimator); support (wanted, estimated, windows, failed, overlap, over_ground) per run; runtimes (seconds), the
     simulation's of no estimator.
     """

@@ -33,7 +33,7 @@ class TrialResult:
 
     comparison: error rows (quantity, t_s, entity, axis, error, sigma, truth, bound, distance_m) of the kept quantities
     nees: squared errors (quantity, t_s, nees, disjoint) of every window
-    outliers: tracks (t_s, tp, fp, fn, flagged) of every window
+    outliers: numbers of tracks (t_s, tracks, tp, fp, fn, flagged) of every window
     failures: (kind, t_s, reason, traceback); kind "window", or "estimation" where an estimator gave nothing at all, or
         "exception" where the trial itself failed, of no estimator
     support: (wanted, estimated, windows, failed, overlap, over_ground) as in `Evaluation`, one row per estimator
@@ -55,7 +55,7 @@ COLUMNS: dict[str, dict[str, str]] = {
     | {"quantity": "str", "t_s": "float64", "entity": "str", "axis": "str"}
     | dict.fromkeys(("error", "sigma", "truth", "bound", "distance_m"), "float64"),
     "nees": _KEYS | {"quantity": "str", "t_s": "float64", "nees": "float64", "disjoint": "bool"},
-    "outliers": _KEYS | {"t_s": "float64"} | dict.fromkeys(("tp", "fp", "fn", "flagged"), "int64"),
+    "outliers": _KEYS | {"t_s": "float64"} | dict.fromkeys(("tracks", "tp", "fp", "fn", "flagged"), "int64"),
     "failures": _KEYS | {"kind": "str", "t_s": "float64", "reason": "str", "traceback": "str"},
     "support": _KEYS
     | dict.fromkeys(("wanted", "estimated", "windows", "failed", "overlap"), "int64")
