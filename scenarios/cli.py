@@ -153,7 +153,7 @@ def _dispatch(parsed: argparse.Namespace) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
-    from scenarios import engine, spec, summary
+    from scenarios import engine, recording, spec, summary
     from scenarios.console import Reporter
 
     console = Console()
@@ -161,7 +161,8 @@ def _run(parsed: argparse.Namespace) -> int:
     name = spec.find(parsed.scenario).stem
     out = parsed.out or Path("runs") / f"{name}-{scenario.seed}"
     progress = Reporter(console)
-    outcome = engine.run(name, scenario, out, progress, parsed.stage, parsed.estimator, parsed.overwrite)
+    run = recording.run if scenario.kind == "recording" else engine.run
+    outcome = run(name, scenario, out, progress, parsed.stage, parsed.estimator, parsed.overwrite)
     for label, reason in outcome.failed.items():
         progress.say(f"estimator {label!r} gave nothing: {reason}")
     if parsed.stage == "report":

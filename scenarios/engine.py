@@ -73,7 +73,7 @@ def run(
     failed: dict[str, str] = {}
     if until in ("estimate", "report"):
         for estimator in chosen:
-            reason = _estimate(store, estimator, observed, key, progress)
+            reason = estimate(store, estimator, observed, key, progress)
             if reason is not None:
                 failed[estimator.title] = reason
     if until == "report":
@@ -186,7 +186,7 @@ def _label(store: Store, key: str) -> None:
     store.run("label", digest(key, code_digest("label")), _LABELLED, work)
 
 
-def _estimate(store: Store, estimator: Any, observed: str, key: str, progress: Progress) -> str | None:
+def estimate(store: Store, estimator: Any, observed: str, key: str, progress: Progress) -> str | None:
     """Runs one estimator on the folder of its observations alone; the reason where it gave nothing."""
     label = estimator.title
     folder = f"estimates/{label}"

@@ -19,7 +19,10 @@ from sim.scenario import Measure, MotionSegmentation, Name, Scenario, ScenarioEr
 
 FOLDER = Path(__file__).parent
 # Keys that hold paths; in a file they are relative to it, on the command line to the working folder.
-_PATHS = (("vehicle", "*", "motion", "labels"), ("vehicle", "*", "mesh"), ("ego", "poses"))
+_PATHS = (
+    *(("vehicle", "*", "motion", "labels"), ("vehicle", "*", "mesh"), ("ego", "poses")),
+    *(("recording", key) for key in ("left", "right", "calib", "poses", "boxes")),
+)
 
 
 class EstimatorSpec(Spec):
@@ -60,7 +63,7 @@ class FrontEndSpec(Spec):
         return FrontEnd(points=measure.points, segmentation="motion" if motion else "given", **dict(self))
 
 
-def _constructor(cls: type[Any]) -> dict[str, Any]:
+def constructor(cls: type[Any]) -> dict[str, Any]:
     """The arguments of a dataclass as the fields of a model."""
     hints = get_type_hints(cls)
     fields: dict[str, Any] = {}
@@ -76,13 +79,13 @@ def _constructor(cls: type[Any]) -> dict[str, Any]:
 
 
 def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
-    fields = {"name": (Literal[name], ...)} | _constructor(cls)
+    fields = {"name": (Literal[name], ...)} | constructor(cls)
     return create_model(f"estimator_{name}", __base__=EstimatorSpec, __doc__=cls.__doc__, **fields)
 
 
 def _front_end_model() -> type[FrontEndSpec]:
     said = ("points", "segmentation")
-    fields = {name: field for name, field in _constructor(FrontEnd).items() if name not in said}
+    fields = {name: field for name, field in constructor(FrontEnd).items() if name not in said}
     return create_model("front_end", __base__=FrontEndSpec, __doc__=FrontEnd.__doc__, **fields)
 
 
@@ -95,6 +98,14 @@ def one_of(models: Sequence[type[Spec]]) -> Any:
 def estimator_type() -> Any:
     """The type of an ``[[estimator]]``: one of those that are installed."""
     return one_of([_estimator_model(n, c) for n, c in sorted(registry().items())])
+
+
+def check_labels(estimators: Sequence[Any]) -> None:
+    """Raises ValueError where two estimators have the same label."""
+    labels: list[str] = [e.title for e in estimators]
+    for label in labels:
+        if labels.count(label) > 1:
+            raise ValueError(f"estimator: the label {label!r} is used {labels.count(label)} times")
 
 
 @functools.cache
@@ -125,10 +136,7 @@ def run_model() -> type[Scenario]:
 
         @model_validator(mode="after")
         def _unique_labels(self) -> Run:
-            labels: list[str] = [e.title for e in self.estimator]  # type: ignore[attr-defined]  # made above
-            for label in labels:
-                if labels.count(label) > 1:
-                    raise ValueError(f"estimator: the label {label!r} is used {labels.count(label)} times")
+            check_labels(self.estimator)
             return self
 
     Run.__name__ = "Scenario"
@@ -137,7 +145,7 @@ def run_model() -> type[Scenario]:
 
 def names() -> dict[str, Path]:
     """The scenarios that ship with the project, by name."""
-    return {p.stem: p for p in sorted(FOLDER.glob("stereo/*.toml"))}
+    return {p.stem: p for kind in ("stereo", "recordings") for p in sorted(FOLDER.glob(f"{kind}/*.toml"))}
 
 
 def find(name_or_file: str) -> Path:
@@ -198,10 +206,20 @@ def validated(data: dict[str, Any]) -> Any:
     Raises
         ScenarioError: one line that names the key.
     """
+    model = _model(data)
     try:
-        return run_model().model_validate(data)
+        return model.model_validate(data)
     except ValidationError as error:
-        raise ScenarioError(explain(error, run_model())) from error
+        raise ScenarioError(explain(error, model)) from error
+
+
+def _model(data: dict[str, Any]) -> type[Spec]:
+    """The model of a file's content, by its kind."""
+    if data.get("kind") == "recording":
+        from scenarios.recording_spec import recording_model
+
+        return recording_model()
+    return run_model()
 
 
 def set_all(data: dict[str, Any], settings: Sequence[str]) -> list[str]:

@@ -16,6 +16,13 @@ _ROWS = (
     ("velocity", "all", "rms"),
     ("yaw_rate", "all", "rms"),
 )
+_OF_RECORDINGS = tuple(
+    (quantity, "all", "median")
+    for quantity in (
+        *("track", "outlier", "sigma_0", "distance_sigma", "rotation_sigma", "speed_sigma"),
+        *("rotation_error", "translation_error", "scale", "distance_ratio", "speed_difference"),
+    )
+)
 
 
 def show(console: Console, folder: Path) -> None:
@@ -27,7 +34,9 @@ def show(console: Console, folder: Path) -> None:
     table.add_column("")
     for label in labels:
         table.add_column(label, justify="right", overflow="fold")
-    for quantity, axis, statistic in _ROWS:
+    measured = set(plain["quantity"])
+    rows = _ROWS if "position" in measured else [row for row in _OF_RECORDINGS if row[0] in measured]
+    for quantity, axis, statistic in rows:
         cells = []
         for label in labels:
             hit = plain[

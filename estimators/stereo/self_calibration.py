@@ -27,6 +27,8 @@ _ENOUGH = 30  # points a pair of frames needs
 _FEWEST_PAIRS = 6
 _OUTLIER_PX, _SOFT_PX = 1.5, 0.3
 _STEPS, _SMALL = 30, 1e-6
+_LEAST_PX = 2.0  # a median point moves so far in the image as the camera goes on, its rotation apart
+_UNCERTAIN_PX = 0.25
 _ROUNDS = 3  # RANSAC keeps what fits the rig as it is taken to be, so it is asked again
 _FARTHEST_PX = 0.5  # a smaller disparity may be that of no point at all
 TERMS = ("1", "x", "x²", "y", "xy")
@@ -46,6 +48,10 @@ class RectificationError:
 
     def __post_init__(self) -> None:
         freeze_fields(self)
+
+    def missing_disparity(self, rig: StereoRig, uv: Float[Array, "n 2"]) -> Float[Array, "n"]:
+        """What a disparity measured at left pixels uv lacks [px]."""
+        return np.asarray(_terms(rig.left.normalise(uv)) @ self.disparity)
 
     def corrected(self, rig: StereoRig, tracks: Tracks) -> Tracks:
         """The same tracks, right points moved to where an ideal rig sees them."""
@@ -79,13 +85,17 @@ def calibrate(rig: StereoRig, tracks: Tracks) -> RectificationError | Estimation
         pairs = [p for k in np.unique(tracks.frame).tolist() if (p := _pair(rig, tracks, int(k), whole)) is not None]
         if len(pairs) < _FEWEST_PAIRS:
             return EstimationFailed(
-                f"{len(pairs)} pairs of frames show enough of a rigid scene, {_FEWEST_PAIRS} are needed",
-                ("more points",),
+                f"{len(pairs)} pairs of frames show enough of a scene the camera passes, {_FEWEST_PAIRS} are needed",
+                ("more points", "a longer way"),
             )
         whole = _adjusted(rig, pairs, whole)
     groups = np.array_split(np.arange(len(pairs)), _FEWEST_PAIRS)
     without = np.array([_adjusted(rig, [p for i, p in enumerate(pairs) if i not in g], whole) for g in groups])
     variance = (len(groups) - 1) * without.var(axis=0)
+    if np.sqrt(variance[0]) > _UNCERTAIN_PX:
+        return EstimationFailed(
+            f"the disparity's error is known to {np.sqrt(variance[0]):.2f} px only", ("near and far points",)
+        )
     return RectificationError(whole, _rows(rig, tracks), np.sqrt(variance))
 
 
@@ -122,6 +132,9 @@ def _pair(rig: StereoRig, tracks: Tracks, k: int, error: Float[Array, "5"]) -> _
     if not found or inlier is None or len(inlier) < _ENOUGH:
         return None
     kept = inlier[:, 0]
+    base_m = _base_px_m(rig) / rig.left.K[0, 0]
+    if np.linalg.norm(t) * np.median(disparity[kept]) / base_m < _LEAST_PX:
+        return None
     return _Pair(direction[kept], disparity[kept], after[kept], exp_so3(r[:, 0]), t[:, 0])
 
 

@@ -2,8 +2,9 @@
 
 The structure of each patch gives the shape of a point's covariance. Its size is calibrated on what no truth is needed
 for: the right point's deviation from the epipolar line is an error of matching; and second differences of places and
-disparities over three frames, less what all tracks share, are errors of tracking and matching. What stays the same over
-a track's life, such as a patch across a step in depth, shows in neither.
+disparities over three frames, less what all tracks share, are errors of tracking and matching. What stays for several
+frames shows in neither: a patch strays along an edge, on a surface that turns or mirrors, or lies across a step in
+depth. It is stated as a drift, measured against the truth of rendered cars.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from sim.observations import Tracks
 
 Array = np.ndarray
 _FLOOR_PX = 0.02  # no registration is better, whatever its residuals say
+_ASKEW_PX = 0.035  # what of a match's error stays from frame to frame: rendered cars, against truth
 _MAD = 1.4826
 _ENOUGH = 30  # deviations that a calibration needs
 _RANGE = (0.5, 5.0)  # of the calibration factors
@@ -46,10 +48,11 @@ class Rows:
         return Rows(frame, live.track[k], live.uv[k], match.uv[k], live.cov[k], live.anchored[k], match.cov[k])
 
 
-def measured_tracks(rig: StereoRig, rows: Sequence[Rows]) -> Tracks:
+def measured_tracks(rig: StereoRig, rows: Sequence[Rows], drift_px: float) -> Tracks:
     """All observations in order, with their covariance.
 
-    The error of a left point is common to the right one, which is matched to it: Cov(left, right) = Cov(left).
+    The error of a left point, its drift included, is common to the right one, which is matched to it:
+    Cov(left, right) = Cov(left).
     """
     frame = np.concatenate([np.full(len(r.track), r.frame) for r in rows] or [np.empty(0, int)])
     names = ("track", "left", "right", "cov_left", "cov_anchor", "cov_match")
@@ -65,8 +68,8 @@ def measured_tracks(rig: StereoRig, rows: Sequence[Rows]) -> Tracks:
     C_left = C_left[order] + floor
     along = _roughness(frame, track, right - left, C_match)
     scale = np.sqrt([max(along[0], 1.0), max(along[1], _across(rig, left, right, C_match))])
-    C_match = C_match * np.outer(scale, scale)
-    C_left = C_left * _roughness(frame, track, left, C_left).mean() + C_anchor[order]
+    C_match = C_match * np.outer(scale, scale) + _ASKEW_PX**2 * np.eye(2)
+    C_left = C_left * _roughness(frame, track, left, C_left).mean() + C_anchor[order] + drift_px**2 * np.eye(2)
     cov = np.empty((len(frame), 4, 4))
     cov[:, :2, :2] = cov[:, :2, 2:] = cov[:, 2:, :2] = C_left
     cov[:, 2:, 2:] = C_left + C_match

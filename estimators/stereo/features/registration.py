@@ -7,7 +7,8 @@ coordinates x, its contrast and brightness free:
 
 Gradients are the mean of the patch's and the warped image's (efficient second-order minimisation, Benhimane and Malis
 2004): of second order without second derivatives, and symmetric in both, so that neither image's interpolation draws
-the result to whole pixels. Interpolation is bicubic. Weights w leave out what does not belong to the object.
+the result to whole pixels. Interpolation is bicubic. Weights w leave out what does not belong to the object. What is
+free of A is held near where it starts by a standard deviation, in units of the grey values' residual.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ STEREO = np.array([0, 1, 2, 3])
 TRANSLATION = np.array([0, 1])
 OUTSIDE, SINGULAR, DIVERGED, GOOD = range(4)
 _EPS_PX = 0.002
+_LEAST_GREY = 1.0  # no residual of grey values is trusted to be smaller
 
 
 @compiled
@@ -121,6 +123,7 @@ def register(
     patches: Array,
     weights: Array,
     free: Array,
+    spread: float,
     iterations: int,
     t: Array,
     A: Array,
@@ -131,13 +134,15 @@ def register(
 ) -> None:
     """Finds patches (n, s, s) in an image, from and into t (n, 2), A (n, 2, 2).
 
-    ncc (n,) correlation; sigma (n,) standard deviation of a grey value's residual; cov (n, 2, 2) [px²] of t, free
-    parameters that are not t eliminated; state (n,): GOOD, or why not.
+    spread: standard deviation of A's free entries about their start, infinite where nothing is known of them. ncc (n,)
+    correlation; sigma (n,) standard deviation of a grey value's residual; cov (n, 2, 2) [px²] of t, free parameters
+    that are not t eliminated; state (n,): GOOD, or why not.
     """
     n, s = patches.shape[0], weights.shape[1]
     r, q = (s - 1) // 2, len(free)
     S, J = np.empty((s + 2, s + 2)), np.empty(6)
-    N, b = np.empty((q, q)), np.empty(q)
+    N, b, D = np.empty((q, q)), np.empty(q), np.empty(6)
+    A0 = np.empty((2, 2))
     for k in range(n):
         T, w = patches[k], weights[k]
         state[k], ncc[k] = DIVERGED, 0.0
@@ -145,6 +150,7 @@ def register(
         if not count > 2 * q + 2:
             state[k] = SINGULAR
             continue
+        A0[:] = A[k]
         for _ in range(iterations):
             if not sample(image, t[k], A[k], S):
                 state[k] = OUTSIDE
@@ -173,6 +179,12 @@ def register(
                         for c in range(a + 1):
                             N[a, c] += g * J[free[c]]
             sigma[k] = np.sqrt(cost / (count - q - 2))
+            stiffness = max(sigma[k], _LEAST_GREY) ** 2 / spread**2
+            _strain(A0, A[k], D)
+            for a in range(q):
+                if free[a] >= 2:
+                    N[a, a] += stiffness
+                    b[a] -= stiffness * D[free[a]]
             if not _inverse(N):
                 state[k] = SINGULAR
                 break
@@ -186,6 +198,17 @@ def register(
             for a in range(2):
                 for c in range(2):
                     cov[k, a, c] = sigma[k] * sigma[k] * N[a, c]
+
+
+@compiled
+@no_type_check
+def _strain(A0: Array, A: Array, D: Array) -> None:
+    """Entries of A0^-1 A - 1, into D (6,) as in `AFFINE`."""
+    det = A0[0, 0] * A0[1, 1] - A0[0, 1] * A0[1, 0]
+    D[2] = (A0[1, 1] * A[0, 0] - A0[0, 1] * A[1, 0]) / det - 1.0
+    D[3] = (A0[1, 1] * A[0, 1] - A0[0, 1] * A[1, 1]) / det
+    D[4] = (A0[0, 0] * A[1, 0] - A0[1, 0] * A[0, 0]) / det
+    D[5] = (A0[0, 0] * A[1, 1] - A0[1, 0] * A[0, 1]) / det - 1.0
 
 
 @compiled

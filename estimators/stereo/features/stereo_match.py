@@ -21,6 +21,7 @@ Array = np.ndarray
 _MISSES = 2  # frames in a row without a right point that end a track
 _UNIQUE = 0.9  # the second best place may correlate by this share of the best at most
 _FROM_GUESS_PX = 1.5
+_SLANT = 0.02  # standard deviation of the disparity's change from pixel to pixel on a vehicle
 _FAR_M = 1e4
 _NO_MASK = np.empty((0, 0), bool)
 
@@ -67,10 +68,10 @@ def _found(
 ) -> Registered:
     """The left patches in the right image, near a guess, where what is found there leads back to the left place."""
     eye = np.tile(np.eye(2), (len(live), 1, 1))
-    r = register(frame.right, patch, weight, guess, eye, registration.TRANSLATION)
+    r = register(frame.right, patch, weight, guess, eye, registration.STEREO, _SLANT)
     good = r.good & (r.ncc > config.correlation) & (np.linalg.norm(r.t - guess, axis=1) < _FROM_GUESS_PX)
     seen, _, inside = cut(frame.right, _NO_MASK, r.t, eye, config.patch_px)
-    back = register(frame.left, seen, weight, live.uv, eye, registration.TRANSLATION)
+    back = register(frame.left, seen, weight, live.uv, eye, registration.STEREO, _SLANT)
     good &= inside & back.good & (np.linalg.norm(back.t - live.uv, axis=1) < config.round_trip_px)
     return replace(r, good=good & _on_epipolar_line(rig, live.uv, r.t, config.epipolar_px))
 

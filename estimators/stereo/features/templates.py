@@ -103,11 +103,12 @@ def register(
     t: Float[Array, "n 2"],
     A: Float[Array, "n 2 2"],
     free: Int[Array, "q"],
+    spread: float = np.inf,
     iterations: int = 12,
 ) -> Registered:
     """Finds patches in an image, beginning at t and A; see `registration`."""
     n = len(t)
     t, A = np.array(t, float), np.array(A, float)
     ncc, sigma, cov, state = np.zeros(n), np.zeros(n), np.zeros((n, 2, 2)), np.zeros(n, int)
-    registration.register(image, patch, weight, free, iterations, t, A, ncc, sigma, cov, state)
+    registration.register(image, patch, weight, free, spread, iterations, t, A, ncc, sigma, cov, state)
     return Registered(t, A, ncc, cov, state == registration.GOOD)

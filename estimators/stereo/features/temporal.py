@@ -23,8 +23,7 @@ Array = np.ndarray
 LEVELS = 3
 _STOP = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.01)
 _DRIFT_PX = 1.5  # how far the template may lie from where the tracker is; farther off it has found something else
-_WORN = 0.93  # correlation below which a template is taken anew
-_ENOUGH, _GROWTH = 6, 0.2  # tracks that tell a similarity, and what it may grow by in a frame
+ENOUGH, _GROWTH = 6, 0.2  # tracks that tell a similarity, and what it may grow by in a frame
 _SERVES = (0.75, 1.33)  # scale from template to image in which its pixels say the same
 
 
@@ -45,23 +44,22 @@ def follow(
     uv[lost], found = round_trip(before, now, live.uv[lost], config)
     seen = going.copy()
     seen[lost] = found
-    M, shift = _common_motion(live.uv[seen], uv[seen])
+    M, shift = common_motion(live.uv[seen], uv[seen])
     uv[~seen] = live.uv[~seen] @ M.T + shift
     r = register(now, live.patch, live.weight, uv, M @ live.A, registration.TRANSLATION)
     held = _held(r, uv, config)
     live = replace(live, step=r.t - live.uv, uv=r.t, A=r.A, cov=r.cov).select(held)
     scale = np.sqrt(np.abs(np.linalg.det(live.A)))
-    worn = (scale < _SERVES[0]) | (scale > _SERVES[1]) | (r.ncc[held] < _WORN)
-    return live.renewed(now, mask, worn)
+    return live.renewed(now, mask, (scale < _SERVES[0]) | (scale > _SERVES[1]))
 
 
 def _held(r: Registered, guess: Float[Array, "n 2"], config: FrontEnd) -> Bool[Array, "n"]:
     return np.asarray(r.good & (r.ncc > config.correlation) & (np.linalg.norm(r.t - guess, axis=1) < _DRIFT_PX))
 
 
-def _common_motion(before: Float[Array, "n 2"], now: Float[Array, "n 2"]) -> tuple[Float[Array, "2 2"], Array]:
+def common_motion(before: Float[Array, "n 2"], now: Float[Array, "n 2"]) -> tuple[Float[Array, "2 2"], Array]:
     """The similarity of the plane that most tracks follow; no change of size or direction where they are few."""
-    if len(before) >= _ENOUGH:
+    if len(before) >= ENOUGH:
         M, _ = cv2.estimateAffinePartial2D(before, now, method=cv2.RANSAC, ransacReprojThreshold=1.0)
         if M is not None and abs(np.sqrt(abs(np.linalg.det(M[:, :2]))) - 1) < _GROWTH:
             return M[:, :2], M[:, 2]
