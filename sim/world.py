@@ -26,6 +26,7 @@ Array = np.ndarray
 _MESH_OF_LABEL = {"Van": "van", "Truck": "lorry", "Tram": "bus", "Bus": "bus", "Misc": "van"}
 # How far the street goes on behind the first and beyond the last place of the ego car.
 _BEHIND_M, _AHEAD_M = 40.0, 160.0
+_LINE_STEP_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +253,8 @@ def _passing(scenario: Scenario, actors: list[Actor], T_wc: Pose, t_s: Array) ->
 
 
 def _props(scenario: Scenario, actors: list[Actor], ego: Trajectory, t_s: Array) -> tuple[Prop, ...]:
-    """The street, along the ego car's path; nothing of it stands where something drives."""
+    """The street, along the ego car's path; nothing of it stands where something drives, nor in the line of sight to
+    what was seen in a replayed recording."""
     ego_xy = ego.pose(t_s).t[:, :2]
     path = Path.through(ego_xy, _BEHIND_M, _AHEAD_M)
     length = _AHEAD_M if path is None else float(np.linalg.norm(np.diff(ego_xy, axis=0), axis=1).sum()) + _AHEAD_M
@@ -263,5 +265,16 @@ def _props(scenario: Scenario, actors: list[Actor], ego: Trajectory, t_s: Array)
         lanes=scenario.world.lanes,
         crossing_y=scenario.world.crossing_at_m,
     )
-    driven = np.concatenate([ego_xy, *(a.trajectory.pose(t_s).t[:, :2] for a in actors)])
-    return tuple(Prop(name, model, pose) for name, model, pose in follow(street, path, driven))
+    free = [ego_xy, *(a.trajectory.pose(t_s).t[:, :2] for a in actors)]
+    target = actors[scenario.target_index]
+    if target.occlusion is not None:
+        labelled = target.occlusion >= 0
+        free.append(_lines(ego_xy[labelled], target.trajectory.pose(t_s[labelled]).t[:, :2]))
+    return tuple(Prop(name, model, pose) for name, model, pose in follow(street, path, np.concatenate(free)))
+
+
+def _lines(start: Float[Array, "n 2"], end: Float[Array, "n 2"]) -> Float[Array, "k 2"]:
+    """Points on straight lines, at most `_LINE_STEP_M` apart."""
+    count = int(np.ceil(np.linalg.norm(end - start, axis=1).max() / _LINE_STEP_M)) + 1
+    share = np.linspace(0, 1, count)[:, None, None]
+    return np.asarray((start + share * (end - start)).reshape(-1, 2))

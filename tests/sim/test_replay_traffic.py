@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.scenario import Scenario, ScenarioError
+from sim.scenario import Road, Scenario, ScenarioError
 from sim.simulate import simulate
 from sim.world import build_world
 
@@ -76,3 +76,12 @@ def test_too_few_camera_poses_for_the_others(labels: Path, tmp_path: Path) -> No
     build_world(scenario(labels, False, poses))
     with pytest.raises(ScenarioError, match=r"ego\.poses: .*12 camera poses, but the label goes to frame 19"):
         build_world(scenario(labels, True, poses))
+
+
+def test_nothing_invented_hides_what_was_seen(labels: Path) -> None:
+    """The street would have a tree before a car beside it that the label saw (53 of the points would be left)."""
+    labels.write_text("\n".join(row(f, 0, "Car", 0, 10.0, 30.0) for f in range(FRAMES)) + "\n")
+    free = scenario(labels, traffic=False)
+    free = free.model_copy(update={"rig": free.rig.model_copy(update={"frames": 1})})
+    street = free.model_copy(update={"world": Road()})
+    np.testing.assert_array_equal(simulate(street)[1].visible_points, simulate(free)[1].visible_points)
