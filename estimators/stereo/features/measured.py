@@ -23,7 +23,7 @@ from sim.observations import Tracks
 
 Array = np.ndarray
 _FLOOR_PX = 0.02  # no registration is better, whatever its residuals say
-_ASKEW_PX = 0.035  # what of a match's error stays from frame to frame: rendered cars, against truth
+_ASKEW_PX = 0.05  # what of a match's error stays from frame to frame: rendered cars, against truth
 _MAD = 1.4826
 _ENOUGH = 30  # deviations that a calibration needs
 _RANGE = (0.5, 5.0)  # of the calibration factors

@@ -104,7 +104,7 @@ def register(
     A: Float[Array, "n 2 2"],
     free: Int[Array, "q"],
     spread: float = np.inf,
-    iterations: int = 12,
+    iterations: int = 20,
 ) -> Registered:
     """Finds patches in an image, beginning at t and A; see `registration`."""
     n = len(t)
