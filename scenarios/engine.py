@@ -71,14 +71,14 @@ def run(
         observed, key = "tracks", _track(store, spec, key, progress)
     chosen = [e for e in spec.estimator if not only or e.title in only]
     failed: dict[str, str] = {}
-    if until in ("estimate", "report"):
+    if until in ("estimate", "label", "report"):
         for estimator in chosen:
             reason = estimate(store, estimator, observed, key, progress)
             if reason is not None:
                 failed[estimator.title] = reason
+    if spec.measure.from_images and until in ("label", "report"):
+        _label(store, key)
     if until == "report":
-        if spec.measure.from_images:
-            _label(store, key)
         with progress.stage("report", 1):
             write_report(store.folder, name)
     return Outcome(out, failed, len(failed) < len(chosen))

@@ -113,6 +113,6 @@ def _described(study: Any, points: Sequence[Point], path: Path, seed: int) -> di
 
 
 def _write_examples(folder: Path, scenario: str, points: Sequence[Point]) -> None:
-    """Run 0 of every point as a run folder of its own, up to the estimates."""
+    """Run 0 of every point as a run folder of its own, with estimates and labels."""
     for i, point in enumerate(points):
-        engine.run(scenario, point.scenario, folder / "examples" / str(i), Silent(), until="estimate", overwrite=True)
+        engine.run(scenario, point.scenario, folder / "examples" / str(i), Silent(), until="label", overwrite=True)

@@ -6,10 +6,10 @@ detectors      Table 3.4.1
 datum          Figure 3.7.10
 clouds         Figure 4.1.2
 depth          Figures 4.1.4, 4.1.6, 4.1.7
-motion         Figures 4.1.8 to 4.1.10
+motion         Figures 4.1.8 to 4.1.10, 4.2.13, 4.2.15 and 4.2.17 to 4.2.19
 matrices       Figures C.0.1 to C.0.4
 recordings     Figures 4.2.14 and 4.2.16
-statements     what the source says of all of these in words
+statements     what the source says of all of these in words; recording_statements of 4.2
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from reports.siegemund.depth import depth_and_cloud, depth_error, depth_table
 from reports.siegemund.detectors import outlier_counts, outlier_table
 from reports.siegemund.matrices import matrix_structure, structure_table
 from reports.siegemund.motion import trajectory, trajectory_table
-from reports.siegemund.recordings import cloud_above, system_error, system_error_table
+from reports.siegemund.recordings import cloud_above, cloud_above_table, system_error, system_error_table
 from reports.siegemund.statements import claims
 
 TABLES: dict[str, Callable[..., pd.DataFrame]] = {
@@ -33,6 +33,7 @@ TABLES: dict[str, Callable[..., pd.DataFrame]] = {
     "siegemund_depth": depth_table,
     "siegemund_trajectory": trajectory_table,
     "siegemund_matrices": structure_table,
+    "siegemund_cloud_above": cloud_above_table,
     "siegemund_system_error": system_error_table,
     "siegemund_claims": claims,
 }

@@ -13,6 +13,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.spatial import cKDTree
 
 from estimators.estimate import TrajectoryEstimate, WindowEstimate
 from reports.figures.style import COLORS, GREY, color, legend, marker, new_figure, styled
@@ -23,6 +24,7 @@ from reports.windows import inlier_tracks
 Array = np.ndarray
 _REACH_M = 5.0  # shown before, behind and beside the middle of the car
 _PANEL_IN = 2.6
+_ON_M = 0.5  # a point so near to the surface, of which only vertices are known, counts as on it
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +66,18 @@ def _estimate(run: Run, label: str) -> TrajectoryEstimate:
             f"{label!r} gave nothing{'' if isinstance(estimate, TrajectoryEstimate) else f': {estimate.reason}'}"
         )
     return estimate
+
+
+def cloud_above_table(result: StudyResult, *, distances_m: tuple[float, ...]) -> pd.DataFrame:
+    """At every distance: points, how many of them are outliers by the truth, the share of points on the car's surface,
+    and the median and largest distance from it."""
+    rows = []
+    for c in clouds_above(result, distances_m):
+        off = np.asarray(cKDTree(c.outline).query(c.points)[0], float)
+        row = {"distance [m]": c.distance_m, "points": len(off), "outliers": int(np.count_nonzero(~c.inlier))}
+        row |= {"on the car [%]": 100 * float(np.mean(off < _ON_M)), "median distance [m]": float(np.median(off))}
+        rows.append(row | {"largest distance [m]": float(off.max())})
+    return pd.DataFrame(rows)
 
 
 @styled

@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 
+from reports.siegemund.claim import Claim, holds
 from reports.siegemund.datum import datum_table
 from reports.siegemund.detectors import counts
 from reports.siegemund.matrices import beside_the_diagonal, structure_table, system
+from reports.siegemund.recording_statements import CLAIMS as RECORDINGS
 from reports.studies import StudyResult
 
-Claim = tuple[str, str, str]
-YES, PART, NO = "yes", "in part", "no"
 _SPARSE = 33  # per cent of the elements
 _ROUGH = 3  # a difference of two frames scatters by so many times what the mean over a window would
 
@@ -26,10 +26,6 @@ def claims(result: StudyResult) -> pd.DataFrame:
     """
     found = _CLAIMS[result.name](result)
     return pd.DataFrame(found, columns=["the source says", "found here", "holds"])
-
-
-def _holds(yes: bool, part: bool = False) -> str:
-    return YES if yes else PART if part else NO
 
 
 def _detectors(result: StudyResult) -> list[Claim]:
@@ -47,23 +43,23 @@ def _detectors(result: StudyResult) -> list[Claim]:
         (
             "track-wise, up to 30 % wrong: fp 0.6 to 1.5, fn at most 0.04",
             f"fp {fp.min():.1f} to {fp.max():.1f}, fn at most {fn:.2f}",
-            _holds(fp.max() <= 1.5 and fn <= 0.04, fp.max() <= 3 and fn <= 0.3),
+            holds(fp.max() <= 1.5 and fn <= 0.04, fp.max() <= 3 and fn <= 0.3),
         ),
         (
             "point-wise drops clearly more good tracks than track-wise",
             f"{ratio:.0f} times as many",
-            _holds(ratio > 3),
+            holds(ratio > 3),
         ),
-        ("both find less where 50 % are wrong: fn = 7 + fp", f"fn = 7 + fp to {off:.2f}", _holds(off <= 0.1)),
+        ("both find less where 50 % are wrong: fn = 7 + fp", f"fn = 7 + fp to {off:.2f}", holds(off <= 0.1)),
         (
             "prior knowledge drops no good track",
             f"fp at most {known['fp'].max():.2f}",
-            _holds(known["fp"].max() < 0.05),
+            holds(known["fp"].max() < 0.05),
         ),
         (
             "prior knowledge misses the more, the fewer frames are wrong",
             f"fn at 30 %: {', '.join(f'{v:.1f}' for v in by_rho.loc[30])} for 10, 5, 1 frames",
-            _holds(grows),
+            holds(grows),
         ),
     ]
 
@@ -75,9 +71,9 @@ def _datum(result: StudyResult) -> list[Claim]:
         (
             "start values from the cloud: the change shows clearly",
             f"origin moves by {cloud:.2f} m",
-            _holds(cloud > 0.5),
+            holds(cloud > 0.5),
         ),
-        ("propagated: no effect", f"origin moves by {propagated:.2f} m", _holds(propagated < 0.1)),
+        ("propagated: no effect", f"origin moves by {propagated:.2f} m", holds(propagated < 0.1)),
     ]
 
 
@@ -93,21 +89,21 @@ def _metres(bias: tuple[float, float, float]) -> str:
 
 def _observed(result: StudyResult) -> list[Claim]:
     b = _bias(result, "observed")
-    return [("weights from observed points: systematically too near", _metres(b), _holds(b[2] < 0))]
+    return [("weights from observed points: systematically too near", _metres(b), holds(b[2] < 0))]
 
 
 def _averaged(result: StudyResult) -> list[Claim]:
     before, b = _bias(result, "observed"), _bias(result, "averaged")
     cured = b[1] <= 0 <= b[2]
-    return [("averaged weights cure that", _metres(b), _holds(cured, abs(b[0]) < abs(before[0]) / 2))]
+    return [("averaged weights cure that", _metres(b), holds(cured, abs(b[0]) < abs(before[0]) / 2))]
 
 
 def _estimated(result: StudyResult) -> list[Claim]:
     first, second = _bias(result, "estimated"), _bias(result, "estimated second order")
     cured = second[1] <= 0 <= second[2]
     return [
-        ("weights from estimated points: systematically too far", _metres(first), _holds(first[1] > 0)),
-        ("terms of second order cure that", _metres(second), _holds(cured, abs(second[0]) < abs(first[0]) / 3)),
+        ("weights from estimated points: systematically too far", _metres(first), holds(first[1] > 0)),
+        ("terms of second order cure that", _metres(second), holds(cured, abs(second[0]) < abs(first[0]) / 3)),
     ]
 
 
@@ -120,7 +116,7 @@ def _rough(result: StudyResult) -> list[Claim]:
         (
             "differential parameters are clearly rough",
             f"standard deviation {std[0]:.2f} (x) and {std[1]:.2f} m/s (z); true steps {step:.2f} m/s",
-            _holds(std[1] > _ROUGH * step),
+            holds(std[1] > _ROUGH * step),
         )
     ]
 
@@ -132,7 +128,7 @@ def _crossing(result: StudyResult) -> list[Claim]:
         (
             "it works across the axis of view, too",
             f"bound / RMS of position {eff['x']:.2f} (x) and {eff['z']:.2f} (z)",
-            _holds(min(eff.values()) > 0.5),
+            holds(min(eff.values()) > 0.5),
         )
     ]
 
@@ -148,7 +144,7 @@ def _turning(result: StudyResult) -> list[Claim]:
         (
             "jumps of the speed are those of the truth, by the choice of the reference point",
             f"largest true step {steps['centroid_speed']:.2f} m/s (centroid), {steps['speed']:.2f} m/s (rear axle)",
-            _holds(steps["centroid_speed"] > 5 * steps["speed"]),
+            holds(steps["centroid_speed"] > 5 * steps["speed"]),
         )
     ]
 
@@ -159,11 +155,11 @@ def _matrices(result: StudyResult) -> list[Claim]:
     filled = ", ".join(f"{name} {share:.2g} %" for name, share in large.items())
     beside = sum(beside_the_diagonal(system(result.example(str(point)))) for point in result.points.index)
     return [
-        ("all matrices are sparse", f"filled, of the larger system: {filled}", _holds(float(large.max()) < _SPARSE)),
+        ("all matrices are sparse", f"filled, of the larger system: {filled}", holds(float(large.max()) < _SPARSE)),
         (
             "the points' part of N has nothing beside its diagonal of 3 x 3 blocks",
             f"{beside} elements beside it",
-            _holds(beside == 0),
+            holds(beside == 0),
         ),
     ]
 
@@ -178,4 +174,4 @@ _CLAIMS: dict[str, Callable[[StudyResult], list[Claim]]] = {
     "siegemund-fig-4-1-9": _crossing,
     "siegemund-fig-4-1-10": _turning,
     "siegemund-fig-c-0": _matrices,
-}
+} | RECORDINGS

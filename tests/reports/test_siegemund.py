@@ -13,7 +13,7 @@ import pytest
 
 from estimators.estimate import WindowEstimate
 from reports.run import Run
-from reports.siegemund import clouds, datum, depth, detectors, matrices, motion, statements
+from reports.siegemund import clouds, datum, depth, detectors, matrices, motion, recordings, statements
 from reports.siegemund.over_time import over_time
 from reports.studies import StudyResult
 from sim.pose import Pose
@@ -268,3 +268,59 @@ def test_claims_of_the_detectors() -> None:
     assert list(statements.claims(study(1))["holds"]) == ["yes", "yes", "yes", "yes", "no"]
     assert list(statements.claims(study(3))["holds"])[:2] == ["in part", "yes"]
     assert list(statements.claims(study(14))["holds"])[:2] == ["no", "no"]
+
+
+def test_points_of_a_perfect_estimate_lie_on_the_car(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a surface of which the test knows every vertex, among them the points."""
+    body = world.truth.bodies[0]
+    truth = replace(world.truth, bodies=(replace(body, outline_v=world.truth.point_v),))
+    off = np.where(np.arange(len(world.truth.track)) == 3, 20.0, 0.0)[:, None] * [0, 0, 1]
+    estimate = world.with_windows(lambda w: replace(w, X_o=w.X_o + off @ datum_axes(w)))
+    run = Run(Path("nowhere"), "", {}, {}, truth, world.observations, {"known": estimate})
+    study = errors(("known",), (0.0,))
+    monkeypatch.setattr(StudyResult, "example", lambda *_: run)
+    row = recordings.cloud_above_table(study, distances_m=(30.0,)).iloc[0]
+    points = len(world.truth.track)
+    assert (row["points"], row["outliers"]) == (points, 0)
+    assert row["on the car [%]"] == pytest.approx(100 * (points - 1) / points)
+    assert row["median distance [m]"] == pytest.approx(0, abs=1e-6)
+    assert 15 < row["largest distance [m]"] <= 20 + 1e-9
+    assert len(recordings.cloud_above(study, distances_m=(35.0, 30.0)).axes) == 2
+
+
+def datum_axes(w: WindowEstimate) -> np.ndarray:
+    """Camera axes of the newest frame in the object frame: rows v @ this are vectors of the object frame."""
+    return w.T_co.R[-1]
+
+
+def test_system_errors_of_the_windows(world: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fixture's windows all have a cost and a redundancy of 100."""
+    half = world.with_windows(lambda w: replace(w, cost=w.cost / 2, rejected=w.track[:2]))
+    estimates = {"none": world.estimate, "half": half}
+    run = Run(Path("nowhere"), "", {}, {}, world.truth, world.observations, estimates)
+    study = replace(errors(("none", "half"), (0.0, 0.0)), name="siegemund-fig-4-2-16")
+    monkeypatch.setattr(StudyResult, "example", lambda *_: run)
+    table = recordings.system_error_table(study).set_index("estimator")
+    assert table.loc["half", "system error"] == pytest.approx(table.loc["none", "system error"] / 2)
+    assert table.loc["half", "tracks left out"] == 2
+    left, right = recordings.system_error(study, left=("none", "half"), right=("half",)).axes
+    assert len(left.get_lines()) == 2
+    np.testing.assert_allclose(right.get_lines()[0].get_ydata(), [w.cost for w in half.windows])
+
+
+def test_claims_of_smoothing() -> None:
+    """Errors of the two runs of `errors` do not change over time; a step of one estimator makes it rough."""
+    labels = ("smoothed", "detection")
+
+    def study(rough: dict[str, float]) -> StudyResult:
+        tables = [errors(labels, (0.0, 0.0), q, "z").comparison for q in ("position", "velocity")]
+        c = pd.concat(tables, ignore_index=True)
+        swing = np.where(np.round(c["t_s"] / 0.04) % 2 == 1, c["estimator"].astype(str).map(rough), 0.0)
+        whole = errors(labels, (0.0, 0.0))
+        return replace(whole, comparison=c.assign(error=swing))
+
+    smooth, same = study({"smoothed": 0.1, "detection": 0.4}), study({"smoothed": 0.4, "detection": 0.4})
+    for name in ("siegemund-fig-4-2-17", "siegemund-fig-4-2-18"):
+        assert list(statements.claims(replace(smooth, name=name))["holds"]) == ["yes"]
+        assert list(statements.claims(replace(same, name=name))["holds"]) == ["no"]
+        assert "0.25" in statements.claims(replace(smooth, name=name))["found here"][0]

@@ -1,0 +1,204 @@
+"""What the source says of its real recordings, 4.2, held against what is found on their rendered twins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+
+from reports.errors import SMOOTHED
+from reports.siegemund.claim import Claim, holds
+from reports.siegemund.recordings import cloud_above_table, system_error_table
+from reports.studies import StudyResult
+
+_CLEAR = 0.7  # what is clearly reduced is at most this part of what it was
+_ALIKE = 0.05  # shares that differ by less are alike
+_ROUGH = 3  # what is rough scatters by so many times the true change from frame to frame, or its bound
+_TRACKS, _NEARLY = 120, 0.15
+
+
+def _spread(result: StudyResult, parameter: str, estimator: str | None = None) -> float:
+    """Standard deviation of the errors of a parameter ("quantity axis"), by default of the first estimator."""
+    quantity, axis = parameter.split()
+    rows = result.select(quantity, axis, "std")
+    return float(rows.loc[rows["estimator"] == (estimator or result.estimators[0]), "value"].iloc[0])
+
+
+def _series(result: StudyResult, parameter: str, estimator: str | None = None) -> pd.DataFrame:
+    """Error rows of the newest frames, by run and time."""
+    quantity, axis = parameter.split()
+    c = result.comparison
+    chosen = (c["quantity"] == quantity) & (c["axis"] == axis) & (c["entity"] != SMOOTHED)
+    rows = c[chosen & (c["estimator"] == (estimator or result.estimators[0]))]
+    return rows.sort_values(["run", "t_s"])
+
+
+def _tracks(result: StudyResult) -> float:
+    o = result.outliers
+    return float(o.loc[o["estimator"] == result.estimators[0], "tracks"].mean())
+
+
+def _roughness(result: StudyResult, parameter: str, estimator: str) -> float:
+    """RMS change of the error from window to window."""
+    steps = [np.diff(rows["error"]) for _, rows in _series(result, parameter, estimator).groupby("run")]
+    return float(np.sqrt(np.mean(np.concatenate(steps) ** 2)))
+
+
+def _reduced(ratio: float) -> str:
+    return holds(ratio < _CLEAR, ratio < 1 - _ALIKE)
+
+
+def _about(tracks: float) -> Claim:
+    return (
+        f"about {_TRACKS} tracks a window on average",
+        f"{tracks:.0f}",
+        holds(abs(tracks / _TRACKS - 1) < _NEARLY),
+    )
+
+
+def _oncoming(result: StudyResult) -> list[Claim]:
+    """Figure 4.2.13."""
+    z, v = _spread(result, "position z"), _spread(result, "velocity z")
+    bound = float(result.select("position", "z", "crb")["value"].iloc[0])
+    rows = _series(result, "velocity z")
+    far = rows["distance_m"] > rows["distance_m"].median()
+    parts = [float(rows.loc[part, "error"].std()) for part in (far, ~far)]
+    y, distance = _series(result, "position y"), _series(result, "position z")
+    seen = np.polyfit(distance["truth"] + distance["error"], y["truth"] + y["error"], 1)[0]
+    pitch = float(next(iter(result.scenarios.values()))["rig"]["pitch_deg"])
+    return [
+        _about(_tracks(result)),
+        (
+            "clear fluctuations of the position, and so of the velocity",
+            f"standard deviation {z:.2f} m along the line of sight, {z / bound:.0f} times the bound, and {v:.1f} m/s",
+            holds(z > _ROUGH * bound and v > 1, z > 2 * bound),
+        ),
+        (
+            "the farther away, the stronger",
+            f"velocity: {parts[0]:.1f} m/s in the farther half, {parts[1]:.1f} m/s in the nearer",
+            holds(parts[0] > parts[1]),
+        ),
+        (
+            "motion in Y comes from the tilt of the camera",
+            f"Y over Z falls by {np.rad2deg(np.arctan(-seen)):.2f} degrees, the camera's tilt is {-pitch:.2f}",
+            holds(abs(np.rad2deg(np.arctan(-seen)) + pitch) < 0.2),
+        ),
+    ]
+
+
+def _clouds(result: StudyResult) -> list[Claim]:
+    """Figure 4.2.14."""
+    table = cloud_above_table(result, distances_m=(50.0, 30.0))
+    far, near = (int(n) for n in table["points"])
+    return [
+        _about(_tracks(result)),
+        (
+            "no truth: the car in the figure only illustrates",
+            f"here it is the true one: {', '.join(f'{s:.0f} %' for s in table['on the car [%]'])} of the points lie on "
+            f"it at {far} and {near} points",
+            holds(bool((table["on the car [%]"] > 50).all())),
+        ),
+    ]
+
+
+def _detection(result: StudyResult) -> list[Claim]:
+    """Figure 4.2.15."""
+    names = ("position z", "velocity x", "velocity z", "yaw_rate all")
+    ratio = {n: _spread(result, n) / _spread(result, n, "plain") for n in names}
+    bound = float(result.select("position", "z", "crb")["value"].iloc[0])
+    z, v = _spread(result, "position z"), _spread(result, "velocity z")
+    said = ", ".join(f"{r:.2f} ({n.removesuffix(' all').replace('_', ' ')})" for n, r in ratio.items())
+    clear = [r < _CLEAR for r in ratio.values()]
+    return [
+        (
+            "detection and Levenberg-Marquardt reduce the fluctuations clearly",
+            f"standard deviations become {said} of what they were",
+            holds(all(clear), any(clear)),
+        ),
+        (
+            "they are still there",
+            f"{z:.2f} m, {z / bound:.1f} times the bound, and {v:.1f} m/s along the line of sight",
+            holds(z > bound and v > 1),
+        ),
+    ]
+
+
+def _system_error(result: StudyResult) -> list[Claim]:
+    """Figure 4.2.16."""
+    left = system_error_table(result).set_index("estimator")["system error"]
+    plain = float(left["3 batches"])
+    ratio = plain / float(left["no detection"])
+    solvers = {n: float(left[f"3 batches, {n}"]) / plain for n in ("Levenberg-Marquardt", "line search")}
+    return [
+        ("detection reduces the system error clearly", f"to {ratio:.2f} of what it was", _reduced(ratio)),
+        (
+            "neither Levenberg-Marquardt nor line search improve it conspicuously",
+            ", ".join(f"{r:.2f} of it with {n}" for n, r in solvers.items()),
+            holds(all(r > 1 - _ALIKE for r in solvers.values())),
+        ),
+    ]
+
+
+def _smoothed(result: StudyResult) -> list[Claim]:
+    """Figure 4.2.17."""
+    new, old = result.estimators[:2]
+    T, v = (_roughness(result, p, new) / _roughness(result, p, old) for p in ("position z", "velocity z"))
+    return [
+        (
+            "clear smoothing of translations and velocities",
+            f"changes from window to window {T:.2f} (position z) and {v:.2f} (velocity z) of those without",
+            holds(T < _CLEAR and v < _CLEAR, min(T, v) < _CLEAR),
+        )
+    ]
+
+
+def _tied(result: StudyResult) -> list[Claim]:
+    """Figure 4.2.18."""
+    new, old = result.estimators[:2]
+    T = _roughness(result, "position z", new) / _roughness(result, "position z", old)
+    rms = [float(np.sqrt((_series(result, "position z", e)["error"] ** 2).mean())) for e in (new, old)]
+    return [
+        (
+            "tied frames make the translations of consecutive windows alike",
+            f"changes from window to window {T:.2f} of those without; RMS error {rms[0]:.2f} m, without {rms[1]:.2f} m",
+            _reduced(T),
+        )
+    ]
+
+
+def _few_tracks(result: StudyResult) -> list[Claim]:
+    """Figure 4.2.19."""
+    course = _series(result, "driving_direction all")
+    course = course[course["run"] == course["run"].iloc[0]]
+    turn = float(np.rad2deg(np.ptp(np.unwrap(course["truth"]))))
+    found = {}
+    for parameter in ("speed all", "yaw_rate all"):
+        rows = _series(result, parameter)
+        step = max(float(np.abs(np.diff(rows.loc[rows["run"] == rows["run"].iloc[0], "truth"])).max()), 1e-9)
+        found[parameter] = (_roughness(result, parameter, result.estimators[0]), step)
+    (v, dv), (w, dw) = found.values()
+    return [
+        (
+            "few tracks; the car turns by about 30 degrees",
+            f"{_tracks(result):.0f} tracks a window; {turn:.0f} degrees while windows end",
+            holds(_tracks(result) < _TRACKS / 2 and turn > 15),
+        ),
+        (
+            "speed and yaw rate are clearly rough in spite of smoothing",
+            f"changes from window to window {v:.2f} m/s and {np.rad2deg(w):.1f} deg/s; "
+            f"true ones at most {dv:.2f} m/s and {np.rad2deg(dw):.1f} deg/s",
+            holds(v > _ROUGH * dv and w > _ROUGH * dw, v > dv or w > dw),
+        ),
+    ]
+
+
+CLAIMS: dict[str, Callable[[StudyResult], list[Claim]]] = {
+    "siegemund-fig-4-2-13": _oncoming,
+    "siegemund-fig-4-2-14": _clouds,
+    "siegemund-fig-4-2-15": _detection,
+    "siegemund-fig-4-2-16": _system_error,
+    "siegemund-fig-4-2-17": _smoothed,
+    "siegemund-fig-4-2-18": _tied,
+    "siegemund-fig-4-2-19": _few_tracks,
+}
