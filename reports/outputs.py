@@ -7,13 +7,19 @@ from collections.abc import Callable
 import pandas as pd
 from matplotlib.figure import Figure
 
-from reports import rig_outputs, siegemund
+from reports import battery_outputs, rig_outputs, siegemund
 from reports.studies import heat_map, lines, metrics
 
-TABLES: dict[str, Callable[..., pd.DataFrame]] = {"metrics": metrics, **siegemund.TABLES, **rig_outputs.TABLES}
+TABLES: dict[str, Callable[..., pd.DataFrame]] = {
+    "metrics": metrics,
+    **siegemund.TABLES,
+    **rig_outputs.TABLES,
+    **battery_outputs.TABLES,
+}
 FIGURES: dict[str, Callable[..., Figure]] = {
     "lines": lines,
     "heat_map": heat_map,
     **siegemund.FIGURES,
     **rig_outputs.FIGURES,
+    **battery_outputs.FIGURES,
 }

@@ -14,7 +14,8 @@ from typing import Any
 from scipy.stats import qmc
 
 from scenarios import spec
-from scenarios.study_spec import Grid, LatinHypercube, PointList, Settings, Sobol, StudySpec, concerns, lay_all
+from scenarios.study_spec import Grid, LabelTracks, PointList, Settings, StudySpec, Sweep, concerns, lay_all
+from sim.kitti import read_tracks
 from sim.scenario import ScenarioError
 from sim.streams import stream
 
@@ -40,7 +41,7 @@ def expand(study: StudySpec, base: Settings, folder: Path) -> list[Point]:
         ScenarioError: a point is no valid scenario, or stands there twice.
     """
     seed = int(base.get("seed", 1))
-    axes = [_settings(sweep, i, seed) for i, sweep in enumerate(study.sweep)]
+    axes = [_settings(sweep, i, seed, base) for i, sweep in enumerate(study.sweep)]
     points: dict[str, Point] = {}
     for combination in itertools.product(*axes):
         settings = {k: v for part in combination for k, v in part.items()}
@@ -57,7 +58,9 @@ def expand(study: StudySpec, base: Settings, folder: Path) -> list[Point]:
     return list(points.values())
 
 
-def _settings(sweep: Grid | PointList | LatinHypercube | Sobol, i: int, seed: int) -> list[Settings]:
+def _settings(sweep: Sweep, i: int, seed: int, base: Settings) -> list[Settings]:
+    if isinstance(sweep, LabelTracks):
+        return [{sweep.key: number} for number in _tracks(sweep, i, base)]
     if isinstance(sweep, Grid):
         return [{sweep.key: value} for value in sweep.values]
     if isinstance(sweep, PointList):
@@ -70,6 +73,20 @@ def _settings(sweep: Grid | PointList | LatinHypercube | Sobol, i: int, seed: in
         {key: _between(sweep.ranges[key], u, key in sweep.log) for key, u in zip(keys, row, strict=True)}
         for row in unit.tolist()
     ]
+
+
+def _tracks(sweep: LabelTracks, i: int, base: Settings) -> list[int]:
+    """The tracks of a label file that are of the wanted types and long enough."""
+    vehicles = base["vehicle"]
+    motion = vehicles[sweep.vehicle]["motion"] if sweep.vehicle < len(vehicles) else {}
+    if "labels" not in motion:
+        raise ScenarioError(f"sweep.{i}.vehicle: vehicle {sweep.vehicle} replays no label file")
+    found = read_tracks(Path(motion["labels"]), sweep.frames, f"vehicle.{sweep.vehicle}.motion")
+    chosen = [number for number, track in found.items() if track.kind in sweep.types]
+    if not chosen:
+        kinds = ", ".join(sweep.types)
+        raise ScenarioError(f"sweep.{i}: {motion['labels']} has no {kinds} in {sweep.frames} frames or more")
+    return chosen
 
 
 def _between(ends: Sequence[float], u: float, log: bool) -> float | int:

@@ -7,6 +7,8 @@
     kind = "grid"; key = "measure.sigma_px"; values = [0.1, 0.2]
     [[sweep]]
     kind = "sobol"; points = 16; ranges = { vehicle.0.motion.speed_mps = [5.0, 20.0] }
+    [[sweep]]
+    kind = "label_tracks"; frames = 20
     [[figure]]
     name = "lines"; over = "measure.sigma_px"
 
@@ -115,7 +117,23 @@ class Sobol(_Ranges):
         return points
 
 
-Sweep = Annotated[Grid | PointList | LatinHypercube | Sobol, Field(discriminator="kind")]
+class LabelTracks(Spec):
+    """The vehicles of a KITTI tracking label file that are long enough in view, one after the other."""
+
+    kind: Literal["label_tracks"]
+    vehicle: Annotated[int, Field(ge=0)] = 0
+    """Number of the vehicle whose motion replays the file, which the scenario, the study or ``--set`` names."""
+    frames: Annotated[int, Field(ge=5)] = 20
+    """Least number of frames in which a car is labelled."""
+    types: Annotated[tuple[Literal["Car", "Van", "Truck", "Tram", "Misc"], ...], Field(min_length=1)] = ("Car",)
+    """KITTI types."""
+
+    @property
+    def key(self) -> str:
+        return f"vehicle.{self.vehicle}.motion.track"
+
+
+Sweep = Annotated[Grid | PointList | LatinHypercube | Sobol | LabelTracks, Field(discriminator="kind")]
 
 
 class Output(Spec):
@@ -193,6 +211,8 @@ class StudySpec(Spec):
         for i, sweep in enumerate(self.sweep):
             if isinstance(sweep, Grid):
                 yield f"sweep.{i}.key", sweep.key
+            elif isinstance(sweep, LabelTracks):
+                yield f"sweep.{i}", sweep.key
             elif isinstance(sweep, PointList):
                 yield from ((f"sweep.{i}.points", key) for key in sweep.points[0])
             else:
