@@ -11,6 +11,7 @@ from reports.studies import load_study
 from scenarios import study_spec
 from scenarios.study_points import Point, expand
 from scenarios.trial import trial
+from sim.world import build_world
 from tests.scenarios.conftest import Command
 
 BATTERY = "replay-battery"
@@ -44,6 +45,16 @@ def test_one_point_per_car_that_is_long_enough(labels: Path, monkeypatch: pytest
     projected = points(f"vehicle.0.motion.labels={labels}", "measure.from=projection")
     assert not any(p.scenario.measure.from_images for p in projected)
     assert [p.scenario.vehicle[0].motion.labels.name for p in points()] == ["overtaking.txt"] * 2
+
+
+@pytest.mark.shared_data
+def test_the_cars_of_a_real_file_see_one_another(shared_data: Path) -> None:
+    folder = shared_data / "kitti_tracking"
+    files = (f"vehicle.0.motion.labels={folder / '0003.txt'}", f"ego.poses={folder / '0003.camera.txt'}")
+    found = points(*files, "world.roadside=false", "measure.from=projection")
+    assert [p.settings["vehicle.0.motion.track"] for p in found] == [0, 1, 2, 3, 4, 6, 7, 8]
+    world = build_world(found[3].scenario)
+    assert {"target", "track 0", "track 2"} <= {a.name for a in world.actors}
 
 
 STUDY = """
