@@ -126,7 +126,10 @@ def adjust_full(
     three = choose_three(problem.point, state[2]) if datum == "three_points" else None
     damping = 0.0
     for iteration in range(1, max_iterations + 1):
-        w = weighted(problem, *state, conditions)
+        try:
+            w = weighted(problem, *state, conditions)
+        except np.linalg.LinAlgError as error:  # a step has led points to where no image tells their distance
+            raise SingularSystem("the iterations diverge") from error
         system = linearise(w, *state, three)
         place = _Place(state, w, about_camera(system, state[1]) if pivot == "camera" else system, pivot)
         elimination = place.system.eliminate()
