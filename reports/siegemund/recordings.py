@@ -101,6 +101,8 @@ def cloud_above(result: StudyResult, *, distances_m: tuple[float, ...]) -> Figur
                 color=shade,
                 label=name,
             )
+        beyond = int(np.count_nonzero((np.abs(c.points - middle)[:, [0, 2]] > _REACH_M).any(axis=1)))
+        ax.text(0.98, 0.97, f"{beyond} more beyond" if beyond else "", transform=ax.transAxes, ha="right", va="top")
         ax.set_title(f"{c.distance_m:.0f} m away")
         ax.set_xlabel("to the right [m]")
         ax.set_xlim(-_REACH_M, _REACH_M)
