@@ -19,14 +19,14 @@ _TRACKS, _NEARLY = 120, 0.15
 
 
 def _spread(result: StudyResult, parameter: str, estimator: str | None = None) -> float:
-    """Standard deviation of the errors of a parameter ("quantity axis"), by default of the first estimator."""
-    quantity, axis = parameter.split()
-    rows = result.select(quantity, axis, "std")
-    return float(rows.loc[rows["estimator"] == (estimator or result.estimators[0]), "value"].iloc[0])
+    """Half the range of the middle 68 % of a parameter's errors: a standard deviation that no single window rules."""
+    low, high = _series(result, parameter, estimator)["error"].quantile([0.16, 0.84])
+    return float(high - low) / 2
 
 
 def _series(result: StudyResult, parameter: str, estimator: str | None = None) -> pd.DataFrame:
-    """Error rows of the newest frames, by run and time."""
+    """Error rows of a parameter ("quantity axis") in the newest frames, by run and time; by default of the first
+    estimator."""
     quantity, axis = parameter.split()
     c = result.comparison
     chosen = (c["quantity"] == quantity) & (c["axis"] == axis) & (c["entity"] != SMOOTHED)
@@ -74,7 +74,7 @@ def _oncoming(result: StudyResult) -> list[Claim]:
         _about(_tracks(result)),
         (
             "clear fluctuations of the position, and so of the velocity",
-            f"standard deviation {z:.2f} m along the line of sight, {z / bound:.0f} times the bound, and {v:.1f} m/s",
+            f"the middle 68 % within {z:.2f} m along the line of sight, {z / bound:.1f} times the bound, and {v:.1f} m/s",
             holds(z > _ROUGH * bound and v > 1, z > 2 * bound),
         ),
         (
@@ -117,7 +117,7 @@ def _detection(result: StudyResult) -> list[Claim]:
     return [
         (
             "detection and Levenberg-Marquardt reduce the fluctuations clearly",
-            f"standard deviations become {said} of what they were",
+            f"the range of the middle 68 % becomes {said} of what it was",
             holds(all(clear), any(clear)),
         ),
         (

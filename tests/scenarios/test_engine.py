@@ -133,7 +133,8 @@ def test_every_scenario_that_ships_is_valid_and_named_once() -> None:
     found = spec.names()
     assert set(found) >= {"oncoming", "crossing", "turning", "leading", "replay"}
     for name in found:
-        read = spec.read(name)
+        needs = ["recording.left=a", "recording.right=b", "recording.calib=c"] if name == "recording" else []
+        read = spec.read(name, needs)
         assert read.title
         assert read.source
 
