@@ -74,7 +74,7 @@ def _oncoming(result: StudyResult) -> list[Claim]:
         _about(_tracks(result)),
         (
             "clear fluctuations of the position, and so of the velocity",
-            f"the middle 68 % within {z:.2f} m along the line of sight, {z / bound:.1f} times the bound, and {v:.1f} m/s",
+            f"the middle 68 % within {z:.2f} m in depth, {z / bound:.1f} times the bound, and {v:.1f} m/s",
             holds(z > _ROUGH * bound and v > 1, z > 2 * bound),
         ),
         (
