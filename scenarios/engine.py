@@ -59,17 +59,13 @@ def run(
     Raises
         ScenarioError: the input is wrong; nothing half-written stays behind.
     """
-    labels = [e.title for e in spec.estimator]
-    for wanted in only:
-        if wanted not in labels:
-            raise ScenarioError(f"--estimator: found {wanted!r}, {nearest(wanted, labels)}")
+    chosen = asked_for(spec.estimator, only)
     store = Store.open(out, spec, overwrite)
     key = digest(config_hash(_without_estimators(spec)), code_digest("simulate"))
     _simulate(store, spec, key, progress)
     observed = "observations"
     if spec.measure.from_images and until != "simulate":
         observed, key = "tracks", _track(store, spec, key, progress)
-    chosen = [e for e in spec.estimator if not only or e.title in only]
     failed: dict[str, str] = {}
     if until in ("estimate", "label", "report"):
         for estimator in chosen:
@@ -82,6 +78,19 @@ def run(
         with progress.stage("report", 1):
             write_report(store.folder, name)
     return Outcome(out, failed, len(failed) < len(chosen))
+
+
+def asked_for(estimators: Sequence[Any], only: Sequence[str]) -> list[Any]:
+    """The estimators with these labels, all where none is named.
+
+    Raises
+        ScenarioError: there is none of a label.
+    """
+    labels = [e.title for e in estimators]
+    for wanted in only:
+        if wanted not in labels:
+            raise ScenarioError(f"--estimator: found {wanted!r}, {nearest(wanted, labels)}")
+    return [e for e in estimators if not only or e.title in only]
 
 
 def _without_estimators(spec: Scenario) -> Scenario:

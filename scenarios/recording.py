@@ -11,18 +11,18 @@ from typing import Any
 import numpy as np
 
 from estimators.estimate import EstimationFailed
-from estimators.stereo.features import ImageError, StereoFrame, read_frames
+from estimators.stereo.features import FrontEnd, ImageError, StereoFrame, read_frames
 from estimators.stereo.features.box import BoxedFrame, follow_box
 from estimators.stereo.self_calibration import calibrate
 from estimators.stereo.triangulation import triangulate
 from reports.recordings.html import write_recording
 from reports.recordings.run import Calibrated, Followed, Reference
-from scenarios.engine import Outcome, Progress, estimate
+from scenarios.engine import Outcome, Progress, asked_for, estimate
 from scenarios.store import Store, code_digest, config_hash, digest
 from sim.camera import StereoRig
 from sim.observations import Observations, Tracks
 from sim.recording import Recording, read_recording
-from sim.scenario import ScenarioError, nearest
+from sim.scenario import ScenarioError
 
 Array = np.ndarray
 _READ = ("observations/observations.npz", "reference")
@@ -44,16 +44,12 @@ def run(
     Raises
         ScenarioError: the input is wrong, an image cannot be used; nothing half-written stays behind.
     """
-    labels = [e.title for e in spec.estimator]
-    for wanted in only:
-        if wanted not in labels:
-            raise ScenarioError(f"--estimator: found {wanted!r}, {nearest(wanted, labels)}")
+    chosen = asked_for(spec.estimator, only)
     recording = read_recording(spec.recording)
     store = Store.open(out, spec, overwrite)
     key = digest(config_hash(spec.without_estimators), _content(recording), code_digest("simulate"))
     observations = _read(store, spec, recording, key)
     failed: dict[str, str] = {}
-    chosen = [e for e in spec.estimator if not only or e.title in only]
     if until != "simulate":
         key = _track(store, spec, recording, observations, key, progress)
     if until in ("estimate", "report"):
@@ -141,7 +137,8 @@ def _scene(spec: Any, recording: Recording, observations: Observations, store: S
     """Tracks of all but the followed vehicle."""
     known = {k: box for k, box in enumerate(boxes.box) if np.isfinite(box).all()}
     frames = _without(read_frames(observations, store.folder), known)
-    return spec.front_end.build_for("background")(recording.rig, frames)  # type: ignore[no-any-return]  # a FrontEnd
+    front_end: FrontEnd = spec.front_end.build_for("background")
+    return front_end(recording.rig, frames)
 
 
 def _calibrated(rig: StereoRig, scene: Tracks) -> Calibrated:

@@ -58,6 +58,13 @@ def _selected(P: Array, H: Array, dz: Array, R: Array, gate: float) -> tuple[Arr
     return PH * used[..., None, :], q, used, H * used[..., None], np.where(used, dz, 0)
 
 
+def _gain(PH: Array, H: Array, dz: Array) -> tuple[Array, Array]:
+    """K = P H' (H P H' + 1)^-1, (6.16), and the normalised innovation squared."""
+    S = H @ PH + np.eye(H.shape[-2], dtype=PH.dtype)
+    K = _transposed(np.linalg.solve(S, _transposed(PH)))
+    return K, _dot(dz, np.linalg.solve(S, dz[..., None])[..., 0])
+
+
 def plain(
     x: Float[Array, "... n"],
     P: Float[Array, "... n n"],
@@ -68,9 +75,7 @@ def plain(
 ) -> Correction:
     """K = P H' (H P H' + R)^-1, (6.16); P - K H P, (6.17), which rounding can make indefinite."""
     PH, q, used, H, dz = _selected(P, H, dz, R, gate)
-    S = H @ PH + np.eye(H.shape[-2], dtype=P.dtype)
-    K = _transposed(np.linalg.solve(S, _transposed(PH)))
-    nis = _dot(dz, np.linalg.solve(S, dz[..., None])[..., 0])
+    K, nis = _gain(PH, H, dz)
     return Correction(x + _times(K, dz), P - K @ H @ P, q, used, nis)
 
 
@@ -84,9 +89,7 @@ def joseph(
 ) -> Correction:
     """As `plain`, but (I - K H) P (I - K H)' + K R K', (6.18)."""
     PH, q, used, H, dz = _selected(P, H, dz, R, gate)
-    S = H @ PH + np.eye(H.shape[-2], dtype=P.dtype)
-    K = _transposed(np.linalg.solve(S, _transposed(PH)))
-    nis = _dot(dz, np.linalg.solve(S, dz[..., None])[..., 0])
+    K, nis = _gain(PH, H, dz)
     rest = np.eye(P.shape[-1], dtype=P.dtype) - K @ H
     P = rest @ P @ _transposed(rest) + K @ _transposed(K)
     return Correction(x + _times(K, dz), P, q, used, nis)

@@ -32,7 +32,7 @@ _RANGE = (0.5, 5.0)  # of the calibration factors
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Observations of one frame: track (n,), left and right (n, 2), covariance [px²] of left against the template's
-    place (n, 2, 2), of the template's place (n, 2, 2), and of matching (n, 2, 2); newborn (n,)."""
+    place (n, 2, 2), of the template's place (n, 2, 2), and of matching (n, 2, 2)."""
 
     frame: int
     track: Int[Array, "n"]

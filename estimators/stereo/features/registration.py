@@ -20,7 +20,7 @@ import numpy as np
 
 Array = np.ndarray
 compiled = numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "nsz"})
-# Which of (t_x, t_y, A_xx, A_xy, A_yx, A_yy) are free: all in time; the disparity and its gradient in stereo.
+# Which of (t_x, t_y, A_xx, A_xy, A_yx, A_yy) are free: all; the place, the disparity's gradient too; the place alone.
 AFFINE = np.array([0, 1, 2, 3, 4, 5])
 STEREO = np.array([0, 1, 2, 3])
 TRANSLATION = np.array([0, 1])

@@ -1,4 +1,4 @@
-"""Tracks followed from one left image to the next: pyramidal Lucas-Kanade, then registration to the first template.
+"""Tracks followed from one left image to the next by registration to their template, searched by Lucas-Kanade if lost.
 
 Each step of a tracker from frame to frame adds its error to those before; registering to the template a track was born
 with undoes the sum, so that errors of a track are independent in time as long as the template serves.
