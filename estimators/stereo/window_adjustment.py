@@ -219,12 +219,12 @@ class _Adjustment:
         return replace(found, max_iterations=batches)
 
     def best(
-        self, w: _Window, start: Poses | None, tied: int, misfit: Callable[[ImageProblem, _Fit], float] = _sum
+        self, w: _Window, start: Poses | None, tied: int, misfit: Callable[[ImageProblem, _Fit], float] | None = None
     ) -> _Fit:
-        """Fit from a start; where that fails or is doubtful, of it and the cloud's the best reprojected one.
+        """Fit from a start; where that fails or is doubtful, of it and the cloud's the one of the least misfit.
 
-        v'Wv would not compare them: estimated weights fall with the distance of the points. misfit: what is compared
-        of the weighted squares of the image residuals.
+        misfit: of the weighted image residuals of a fit. Weights that stay are compared by v'Wv, which was minimised;
+        estimated ones fall with the distance of the points, and v'Wv with them.
         """
         tried: list[_Fit | SingularSystem] = []
         if start is not None:
@@ -235,8 +235,12 @@ class _Adjustment:
         found = [fit for fit in tried if isinstance(fit, _Fit)]
         if not found:
             raise next(error for error in tried if isinstance(error, SingularSystem))
-        images = w.images if len(found) > 1 else None
-        return found[0] if images is None else min(found, key=lambda fit: misfit(images, fit))
+        if misfit is None and w.problem.model.W is not None:
+            return min(found, key=lambda fit: fit.solution.cost)
+        if len(found) == 1:
+            return found[0]
+        images, compared = w.images, misfit or _sum
+        return min(found, key=lambda fit: compared(images, fit))
 
     def _propagated(self, frames: Array) -> Poses | None:
         last = self.previous
