@@ -227,3 +227,25 @@ def test_new_start_values_do_not_move_the_object_frame(make_scene: Maker, monkey
         _, old, new = np.intersect1d(a.track, b.track, return_indices=True)
         assert len(new) >= 3
         np.testing.assert_allclose(b.X_o[new], a.X_o[old], atol=1e-5)
+
+
+def test_of_several_starts_the_fit_of_least_cost_is_kept(make_scene: Callable[..., Any]) -> None:
+    """Where weights stay: with wrong tracks the fit that reprojects best need not be the one that was sought."""
+    observations = make_scene(points=30, frames=14, distance_m=50.0).observe(0.2, seed=1)
+    tracks, rng = observations.tracks, np.random.default_rng(101)
+    wrong = np.isin(tracks.track, rng.choice(30, 12, replace=False))
+    start, step = rng.normal(0, 4, (30, 2)), rng.normal(0, 1, (30, 2))
+    uv = tracks.uv_left.copy()
+    uv[wrong] += start[tracks.track[wrong]] + step[tracks.track[wrong]] * tracks.frame[wrong, None]
+    observations = replace(observations, tracks=replace(tracks, uv_left=uv))
+
+    def costs(initial: Any) -> dict[int, float]:
+        known = {"weights": "averaged", "second_order": False, "propagate": False, "start_window": 10}
+        windows = estimated(observations, **known, initial=initial).windows
+        return {int(w.frames[-1]): w.cost for w in windows}
+
+    best = costs("best")
+    assert len(best) == 5
+    for initial in ("unrotated", "principal_axes_xz"):
+        single = costs(initial)
+        assert all(best[newest] <= cost * (1 + 1e-6) for newest, cost in single.items())
