@@ -26,13 +26,12 @@ _PACKAGES = (
     *("numba", "PyOpenGL", "pydantic"),
 )
 # The code each stage depends on, by package folder.
+_SCENE = ("sim", "scenarios/footage.py", "scenarios/shots.py")
 _CODE = {
-    "simulate": ("sim",),
-    "render": ("sim",),
-    "track": ("sim", "estimators"),
-    "estimate": ("sim", "estimators"),
-    "label": ("sim", "estimators", "reports"),
-    "report": ("sim", "estimators", "reports"),
+    "simulate": _SCENE,
+    "track": (*_SCENE, "estimators"),
+    "estimate": (*_SCENE, "estimators"),
+    "label": (*_SCENE, "estimators", "reports"),
 }
 
 _REPORTED = ("report.html", "metrics.csv", "errors.parquet", "figures")
@@ -45,10 +44,10 @@ def digest(*parts: Any) -> str:
 
 @cache
 def code_digest(stage: str) -> str:
-    """SHA-256 of the sources a stage depends on."""
+    """SHA-256 of the sources a stage depends on: "simulate", which draws as well, "track", "estimate" or "label"."""
     h = hashlib.sha256()
-    for package in _CODE[stage]:
-        for path in sorted((ROOT / package).rglob("*")):
+    for source in (ROOT / name for name in _CODE[stage]):
+        for path in [source] if source.is_file() else sorted(source.rglob("*")):
             if path.suffix in (".py", ".glsl", ".vert", ".frag", ".geom", ".html", ".j2", ".css"):
                 h.update(path.relative_to(ROOT).as_posix().encode())
                 h.update(path.read_bytes())

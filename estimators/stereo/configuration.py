@@ -44,7 +44,7 @@ class Configuration:
         where it is known, 0 where not: tracks farther out go first (3.4.2.1), and start values come from the cloud
         again when the object frame has drifted off by so much (3.7.1.3).
     Start values and datum (3.7, 3.1.7)
-        initial: axes of the start values, "best" tries several and keeps the least reprojection error; points: "mean",
+        initial: axes of the start values, "best" tries several and keeps that of the least misfit; points: "mean",
         "median" over the frames, or "propagated" from the last window and else the median; propagate: poses from the
         last window, which also keeps the object frame; datum: "inner" constraints, or "three_points" of the cloud.
     What is known of the motion

@@ -11,7 +11,7 @@ import pytest
 
 from reports.errors import ERROR_COLUMNS
 from reports.metrics import METRIC_COLUMNS
-from scenarios import spec
+from scenarios import spec, store
 from sim.observations import Observations
 from sim.simulate import simulate
 from tests.scenarios.conftest import QUICK, Command
@@ -45,6 +45,20 @@ def test_finished_stages_come_from_the_cache(quick_run: Command) -> None:
     assert again.status == 0
     assert "from cache" in again.out
     assert (RUN / "observations/observations.npz").stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("stage", ["simulate", "track", "estimate", "label"])
+def test_a_stage_depends_on_what_draws_the_images(stage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("sim/world.py", "scenarios/footage.py", "scenarios/shots.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("a = 1\n")
+    monkeypatch.setattr(store, "ROOT", tmp_path)
+    code_digest = store.code_digest.__wrapped__
+    seen = {code_digest(stage)}
+    for name in ("sim/world.py", "scenarios/footage.py", "scenarios/shots.py"):
+        (tmp_path / name).write_text("a = 2\n")
+        seen.add(code_digest(stage))
+    assert len(seen) == 4
 
 
 def test_what_was_deleted_is_made_again(quick_run: Command) -> None:
