@@ -8,10 +8,11 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from reports import battery_outputs, rig_outputs, siegemund
-from reports.studies import heat_map, lines, metrics
+from reports.studies import heat_map, lines, measures, metrics
 
 TABLES: dict[str, Callable[..., pd.DataFrame]] = {
     "metrics": metrics,
+    "measures": measures,
     **siegemund.TABLES,
     **rig_outputs.TABLES,
     **battery_outputs.TABLES,

@@ -22,10 +22,11 @@ import pyarrow.parquet as pq
 from matplotlib.figure import Figure
 
 from reports.figures.sweep import sweep_lines, sweep_map
+from reports.measures import MEASURES, measure_rows
 from reports.metrics import Pooled, as_table, pooled_rows
 from reports.run import Run, load_run
 
-RESULTS = ("comparison", "nees", "outliers", "failures", "support")
+RESULTS = ("comparison", "nees", "outliers", "failures", "support", "measures")
 _CATEGORIES = ("point", "estimator", "quantity", "entity", "axis", "kind")
 
 
@@ -37,8 +38,11 @@ class StudyResult:
     estimators: labels in the file's order. comparison: error rows (quantity, t_s, entity, axis, error, sigma, truth,
     bound, distance_m); nees (quantity, t_s, nees, disjoint); outliers (t_s, tracks, tp, fp, fn, flagged) of every
     window; failures (kind, t_s, reason, traceback), kind "window", "estimation" or "exception" (the whole run, of no
-    estimator); support (wanted, estimated, windows, failed, overlap, over_ground) per run; runtimes (seconds), the
-    simulation's of no estimator.
+    estimator); support (wanted, estimated, windows, failed, overlap, over_ground) per run; measures
+    (quantity, t_s, value), what is no error of a window; runtimes (seconds), the simulation's of no estimator.
+
+    experiment: whether ``scenario`` is that of a numeric experiment, whose cases stand in the place of estimators, and
+    whose t_s is a number of steps.
     """
 
     folder: Path
@@ -46,6 +50,7 @@ class StudyResult:
     title: str
     source: str
     scenario: str
+    experiment: bool
     seed: int
     runs: int
     points: pd.DataFrame
@@ -56,6 +61,7 @@ class StudyResult:
     outliers: pd.DataFrame
     failures: pd.DataFrame
     support: pd.DataFrame
+    measures: pd.DataFrame
     runtimes: pd.DataFrame
 
     @cached_property
@@ -67,12 +73,13 @@ class StudyResult:
         tables = {name: _only(getattr(self, name), "point", point) for name in RESULTS}
         for estimator in self.estimators:
             of = {name: _only(table, "estimator", estimator) for name, table in tables.items()}
+            label = {"scenario": self.scenario, "seed": self.seed, "estimator": estimator, "point": point}
+            yield from (row | label for row in measure_rows(of["measures"]))
             if of["support"].empty:
                 continue
             pooled = Pooled(
                 of["comparison"], of["nees"], of["outliers"], of["failures"]["reason"], of["support"], np.empty(0)
             )
-            label = {"scenario": self.scenario, "seed": self.seed, "estimator": estimator, "point": point}
             yield from (row | label for row in pooled_rows(pooled))
 
     def select(
@@ -105,7 +112,7 @@ def load_study(folder: Path) -> StudyResult:
     order = {"point": list(points.index), "estimator": study["estimators"]}
     files = {name: folder / "results" / f"{name}.parquet" for name in RESULTS}
     files["runtimes"] = folder / "runtimes.parquet"
-    plain: dict[str, Any] = {k: study[k] for k in ("name", "title", "source", "scenario", "seed", "runs")}
+    plain: dict[str, Any] = {k: study[k] for k in ("name", "title", "source", "scenario", "experiment", "seed", "runs")}
     tables: dict[str, Any] = {name: _read(path, order) for name, path in files.items()}
     return StudyResult(
         folder=folder,
@@ -171,6 +178,14 @@ def lines(
         limit = bounds.groupby(["line", over], sort=False)["value"].mean().reset_index()
     labels = (x_label or over, _label(rows, quantity, axis, statistic))
     return sweep_lines(rows, over, labels, bound=limit, log_x=log_x, log_y=log_y)
+
+
+def measures(result: StudyResult) -> pd.DataFrame:
+    """What an experiment measured, pooled over runs, with 95 % intervals."""
+    m = result.metrics
+    rows = m[m["quantity"].isin(MEASURES)].join(result.points, on="point").rename(columns={"bin": "step"})
+    columns = [*result.points.columns, "estimator", "step", "quantity", "statistic", "value", "ci_low", "ci_high"]
+    return rows[columns].reset_index(drop=True)
 
 
 def _lines(rows: pd.DataFrame, columns: list[str]) -> list[str]:

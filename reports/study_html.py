@@ -18,7 +18,6 @@ from reports.studies import StudyResult, load_study
 from sim.archive import write_atomically, write_text
 
 T = TypeVar("T")
-DEFAULT_TABLE = {"name": "metrics", "label": "metrics", "caption": "", "options": {}}
 _SHOWN_ROWS = 400
 
 
@@ -31,7 +30,7 @@ def write_study(folder: Path) -> StudyResult:
     result = load_study(folder)
     asked = json.loads((folder / "study.json").read_text("utf-8"))
     write_atomically(folder / "metrics.csv", lambda p: result.metrics.to_csv(p, index=False))
-    wanted = asked["table"] or [DEFAULT_TABLE]
+    wanted = asked["table"] or [_default_table(result)]
     tables = [(spec, _made("table", TABLES, spec, result)) for spec in wanted]
     for i, (spec, table) in enumerate(tables):
         name = f"table-{spec['label']}.csv" if i else "table.csv"
@@ -42,6 +41,11 @@ def write_study(folder: Path) -> StudyResult:
     provenance = json.loads((folder / "provenance.json").read_text("utf-8"))
     write_text(folder / "report.html", render(result, tables, shown, provenance))
     return result
+
+
+def _default_table(result: StudyResult) -> dict[str, Any]:
+    name = "measures" if result.experiment else "metrics"
+    return {"name": name, "label": name, "caption": "", "options": {}}
 
 
 def _made(kind: str, functions: Mapping[str, Callable[..., T]], spec: Mapping[str, Any], result: StudyResult) -> T:
@@ -65,13 +69,14 @@ def render(
         source=result.source,
         name=result.name,
         scenario=result.scenario,
+        experiment=result.experiment,
         seed=result.seed,
         runs=result.runs,
         points=len(result.points),
         tables=[(_heading(spec), spec["caption"], *cells(table)) for spec, table in tables],
         figures=figures,
         crashed=_reasons(crashed),
-        failures=_failures(result),
+        failures=[] if result.experiment else _failures(result),
         settings=list(display.settings(next(iter(result.scenarios.values())))),
         keys=list(result.points.columns),
         seconds=[(label or "simulation", s) for label, s in seconds.items()],

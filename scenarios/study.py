@@ -14,8 +14,9 @@ from scenarios import engine
 from scenarios.study_cluster import connected
 from scenarios.study_console import Progress, Silent
 from scenarios.study_points import Point, expand
-from scenarios.study_spec import find, read, scenario_file
+from scenarios.study_spec import find, read
 from scenarios.study_store import StudyStore
+from scenarios.study_subject import labels, scenario_file
 from scenarios.study_work import execute
 from sim.archive import write_text
 from sim.scenario import ScenarioError
@@ -100,11 +101,12 @@ def _described(study: Any, points: Sequence[Point], path: Path, seed: int) -> di
         "name": path.stem,
         "title": study.title,
         "source": study.source,
-        "scenario": scenario_file(study, path).stem,
+        "scenario": study.experiment or scenario_file(study.scenario, path.parent).stem,
+        "experiment": study.experiment is not None,
         "seed": seed,
         "runs": study.runs,
         "keep": study.keep,
-        "estimators": list(dict.fromkeys(e.title for p in points for e in p.scenario.estimator)),
+        "estimators": list(dict.fromkeys(label for p in points for label in labels(p.scenario))),
         "points": [
             {"point": p.name, "settings": p.settings, "scenario": p.scenario.model_dump(mode="json", by_alias=True)}
             for p in points

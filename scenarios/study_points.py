@@ -1,4 +1,4 @@
-"""The points of a study: every sweep expanded, every point a validated scenario."""
+"""The points of a study: every sweep expanded, every point a validated scenario or experiment."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from typing import Any
 
 from scipy.stats import qmc
 
-from scenarios import spec
-from scenarios.study_spec import Grid, LabelTracks, PointList, Settings, StudySpec, Sweep, concerns, lay_all
+from scenarios.study_spec import StudySpec, concerns, lay_all
+from scenarios.study_subject import validated
+from scenarios.study_sweeps import Grid, LabelTracks, PointList, Settings, Sweep, swept_keys
 from sim.kitti import read_tracks
 from sim.scenario import ScenarioError
 from sim.streams import stream
@@ -24,7 +25,7 @@ _DIGITS = 6
 
 @dataclass(frozen=True)
 class Point:
-    """A point of a study: what is set there, its name (a key=value list), and the resolved scenario."""
+    """A point of a study: what is set there, its name (a key=value list), and the resolved scenario or experiment."""
 
     settings: Settings
     name: str
@@ -34,8 +35,8 @@ class Point:
 def expand(study: StudySpec, base: Settings, folder: Path) -> list[Point]:
     """All points of a study, the first sweep outermost; a study without sweeps has one, without a name.
 
-    base: the scenario's content; folder: what paths in the sweeps are relative to. Quasi-random points follow from
-    the scenario's seed alone.
+    base: the content of its scenario or experiment; folder: what paths in the sweeps are relative to. Quasi-random
+    points follow from its seed alone.
 
     Raises
         ScenarioError: a point is no valid scenario, or stands there twice.
@@ -51,9 +52,9 @@ def expand(study: StudySpec, base: Settings, folder: Path) -> list[Point]:
         data = copy.deepcopy(base)
         try:
             lay_all(data, settings, folder)
-            points[name] = Point(settings, name, spec.validated(data))
+            points[name] = Point(settings, name, validated(data))
         except ScenarioError as error:
-            where = next((w for w, key in study.swept_keys() if concerns(error, key)), "sweep")
+            where = next((w for w, key in swept_keys(study.sweep) if concerns(error, key)), "sweep")
             raise ScenarioError(f"{where}: {error} (at {name})") from error
     return list(points.values())
 
@@ -77,7 +78,7 @@ def _settings(sweep: Sweep, i: int, seed: int, base: Settings) -> list[Settings]
 
 def _tracks(sweep: LabelTracks, i: int, base: Settings) -> list[int]:
     """The tracks of a label file that are of the wanted types and long enough."""
-    vehicles = base["vehicle"]
+    vehicles = base.get("vehicle", [])
     motion = vehicles[sweep.vehicle]["motion"] if sweep.vehicle < len(vehicles) else {}
     if "labels" not in motion:
         raise ScenarioError(f"sweep.{i}.vehicle: vehicle {sweep.vehicle} replays no label file")

@@ -35,7 +35,8 @@ _GROUP = 100  # runs of a point in one row group of the sorted files: what is in
 # Beside sim and estimators, what turns an estimate into rows.
 _EVALUATION = (
     *("reports/errors.py", "reports/windows.py", "reports/consistency.py", "reports/evaluation.py"),
-    "scenarios/trial.py",
+    *("scenarios/trial.py", "scenarios/study_subject.py"),
+    *(f"scenarios/experiments/{p.name}" for p in sorted((ROOT / "scenarios" / "experiments").glob("*.py"))),
 )
 _MADE = ("results", "runtimes.parquet", "metrics.csv", "report.html", "figures", "examples", "study.json")
 

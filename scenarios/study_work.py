@@ -17,9 +17,9 @@ from typing import Any, Protocol
 
 from distributed import Client, Future, KilledWorker, as_completed
 
-from scenarios.spec import run_model
 from scenarios.study_store import StudyStore, encode, trial_digest
-from scenarios.trial import TrialResult, failed, joined, trial
+from scenarios.study_subject import decoded, measured
+from scenarios.trial import TrialResult, failed, joined
 
 _BLOCK_S = 1.0
 _MOST_RUNS = 100
@@ -58,7 +58,7 @@ class OtherCode(RuntimeError):
 
 
 def work(scenario: str, runs: range, keep: tuple[str, ...], code: str) -> Done:
-    """The trials of some runs of a resolved scenario (JSON); of one that ends with an exception, a row that says so.
+    """Some runs of a resolved scenario or experiment (JSON); of one that ends with an exception, a row that says so.
 
     Raises
         OtherCode: this process has another version of the code.
@@ -73,14 +73,14 @@ def work(scenario: str, runs: range, keep: tuple[str, ...], code: str) -> Done:
 
 def _attempt(scenario: str, run: int, keep: tuple[str, ...]) -> TrialResult:
     try:
-        return trial(_spec(scenario), run, keep)
+        return measured(_subject(scenario), run, keep)
     except Exception as error:  # a failed run is kept with its traceback and counted
         return failed(run, f"{type(error).__name__}: {error}", traceback.format_exc())
 
 
 @lru_cache(maxsize=4)
-def _spec(scenario: str) -> Any:
-    return run_model().model_validate_json(scenario)
+def _subject(text: str) -> Any:
+    return decoded(text)
 
 
 class Blocks:

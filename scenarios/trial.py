@@ -37,6 +37,7 @@ class TrialResult:
     failures: (kind, t_s, reason, traceback); kind "window", or "estimation" where an estimator gave nothing at all, or
         "exception" where the trial itself failed, of no estimator
     support: (wanted, estimated, windows, failed, overlap, over_ground) as in `Evaluation`, one row per estimator
+    measures: what is no error of a window (quantity, t_s, value); t_s of a numeric experiment is a number of steps
     runtimes: seconds, one row per estimator and one of no estimator for the simulation; never the same twice
     """
 
@@ -45,6 +46,7 @@ class TrialResult:
     outliers: pd.DataFrame
     failures: pd.DataFrame
     support: pd.DataFrame
+    measures: pd.DataFrame
     runtimes: pd.DataFrame
 
 
@@ -60,6 +62,7 @@ COLUMNS: dict[str, dict[str, str]] = {
     "support": _KEYS
     | dict.fromkeys(("wanted", "estimated", "windows", "failed", "overlap"), "int64")
     | {"over_ground": "bool"},
+    "measures": _KEYS | {"quantity": "str", "t_s": "float64", "value": "float64"},
     "runtimes": _KEYS | {"seconds": "float64"},
 }
 
@@ -96,6 +99,7 @@ def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
         "outliers": pd.concat(outliers or [pd.DataFrame()]),
         "failures": pd.DataFrame([row for e in evaluations for row in _failures(e)]),
         "support": pd.DataFrame([{name: getattr(e, name) for name in COLUMNS["support"]} for e in evaluations]),
+        "measures": pd.DataFrame(),
         "runtimes": pd.DataFrame([{"run": run, "estimator": k, "seconds": v} for k, v in seconds.items()]),
     }
     return TrialResult(**{name: _typed(name, table) for name, table in tables.items()})
@@ -104,9 +108,17 @@ def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
 def failed(run: int, reason: str, traceback: str) -> TrialResult:
     """The tables of a trial that ended with an exception."""
     row = {"run": run, "estimator": "", "kind": "exception", "t_s": float("nan")}
-    failure = pd.DataFrame([row | {"reason": reason, "traceback": traceback}])
-    tables = {name: failure if name == "failures" else pd.DataFrame() for name in TABLES}
-    return TrialResult(**{name: _typed(name, table) for name, table in tables.items()})
+    return _only("failures", pd.DataFrame([row | {"reason": reason, "traceback": traceback}]))
+
+
+def of_measures(run: int, measures: pd.DataFrame) -> TrialResult:
+    """The tables of a numeric experiment's run, whose rows are (estimator, quantity, t_s, value)."""
+    return _only("measures", measures.assign(run=run))
+
+
+def _only(filled: str, rows: pd.DataFrame) -> TrialResult:
+    """Tables of which one has rows."""
+    return TrialResult(**{name: _typed(name, rows if name == filled else pd.DataFrame()) for name in TABLES})
 
 
 def joined(results: Collection[TrialResult]) -> TrialResult:

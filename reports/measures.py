@@ -1,0 +1,64 @@
+"""What a study measures beside the errors of windows, pooled over runs: numbers of an experiment's steps, and NIS."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from reports.bootstrap import REPLICATES
+from reports.metrics import metric_row
+from reports.statistics import Direction
+from sim.streams import stream
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measured quantity: its unit, which way is better, and what it is pooled to over runs."""
+
+    unit: str
+    direction: Direction
+    statistic: str
+    pool: Callable[..., Any]
+
+
+def _rms(v: Array, axis: int) -> Array:
+    return np.asarray(np.sqrt(np.mean(v * v, axis=axis)))
+
+
+MEASURES = {
+    "lost": Measure("1", "lower", "mean", np.mean),
+    "least_variance": Measure("1", "one", "median", np.median),
+    "covariance_error": Measure("1", "lower", "median", np.median),
+    "state_error": Measure("1", "lower", "median", np.median),
+    "gain": Measure("1", "zero", "mean", np.mean),
+    "stated_variance": Measure("1", "lower", "mean", np.mean),
+    "error": Measure("1", "lower", "rms", _rms),
+    "nees": Measure("1", "one", "mean", np.mean),
+    "nis": Measure("1", "one", "mean", np.mean),
+}
+
+
+def pooled_measure(name: str, values: Float[Array, "n"]) -> tuple[float, float, float]:
+    """A quantity over independent runs with its 95 % interval (bootstrap over runs; NaN for a single one)."""
+    pool = MEASURES[name].pool
+    if len(values) < 2:
+        return float(pool(values, axis=0)), np.nan, np.nan
+    draws = stream(0, 0, "bootstrap/measures").integers(0, len(values), (REPLICATES, len(values)))
+    low, high = np.quantile(pool(values[draws], axis=1), [0.025, 0.975], method="nearest")
+    return float(pool(values, axis=0)), float(low), float(high)
+
+
+def measure_rows(values: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Metrics of one point and estimator, one per quantity and time, which is the ``bin``."""
+    for (quantity, t_s), part in values.groupby(["quantity", "t_s"], sort=False, observed=True):
+        known = MEASURES[str(quantity)]
+        value, low, high = pooled_measure(str(quantity), part["value"].to_numpy(float))
+        row = metric_row(str(quantity), "all", known.statistic, value, known.unit, known.direction, len(part))
+        yield row | {"runs": part["run"].nunique(), "bin": f"{t_s:g}", "ci_low": low, "ci_high": high, "entity": ""}
