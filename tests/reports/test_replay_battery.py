@@ -81,6 +81,7 @@ def made(folder: Path, estimated: bool = True) -> StudyResult:
         title="",
         source="",
         scenario="replay",
+        experiment=False,
         seed=1,
         runs=1,
         points=pd.DataFrame({"track": range(3)}, index=points),
@@ -89,6 +90,7 @@ def made(folder: Path, estimated: bool = True) -> StudyResult:
         **tables,
         nees=nothing,
         support=nothing,
+        measures=nothing,
         runtimes=nothing,
     )
 

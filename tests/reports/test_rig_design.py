@@ -46,6 +46,7 @@ def made(points: int = 40) -> StudyResult:
         title="",
         source="",
         scenario="oncoming",
+        experiment=False,
         seed=1,
         runs=2,
         points=pd.DataFrame(drawn, index=names),
@@ -56,6 +57,7 @@ def made(points: int = 40) -> StudyResult:
         outliers=nothing,
         failures=nothing,
         support=nothing,
+        measures=nothing,
         runtimes=nothing,
     )
 

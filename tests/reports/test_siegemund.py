@@ -15,7 +15,7 @@ from estimators.estimate import WindowEstimate
 from reports.run import Run
 from reports.siegemund import clouds, datum, depth, detectors, matrices, motion, recordings, statements
 from reports.siegemund.over_time import over_time
-from reports.studies import StudyResult
+from reports.studies import RESULTS, StudyResult
 from sim.pose import Pose
 
 Array = np.ndarray
@@ -25,7 +25,7 @@ def result(points: dict[str, dict[str, Any]], estimators: tuple[str, ...], **tab
     """A study with these points (name to settings), labels and tables."""
     categories = {"point": list(points), "estimator": ["", *estimators]}
     empty = pd.DataFrame(columns=["point", "run", "estimator"])
-    every = dict.fromkeys(("comparison", "nees", "outliers", "failures", "support", "runtimes"), empty) | tables
+    every = dict.fromkeys((*RESULTS, "runtimes"), empty) | tables
     for name, table in every.items():
         every[name] = table.assign(**{c: pd.Categorical(table[c], v) for c, v in categories.items()})
     return StudyResult(
@@ -34,6 +34,7 @@ def result(points: dict[str, dict[str, Any]], estimators: tuple[str, ...], **tab
         title="",
         source="",
         scenario="point-grid",
+        experiment=False,
         seed=1,
         runs=2,
         points=pd.DataFrame(list(points.values()), index=list(points)),
