@@ -13,8 +13,12 @@ from types import MappingProxyType
 from typing import Any
 
 from estimators.stereo.sliding_window import SlidingWindowAdjustment
+from estimators.stereo.vehicle_filter import VehicleFilter
 
-ESTIMATORS: dict[str, type[Any]] = {"sliding_window_adjustment": SlidingWindowAdjustment}
+ESTIMATORS: dict[str, type[Any]] = {
+    "sliding_window_adjustment": SlidingWindowAdjustment,
+    "vehicle_filter": VehicleFilter,
+}
 
 
 @cache

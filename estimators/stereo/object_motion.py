@@ -188,7 +188,7 @@ def motion_covariance(
     Raises
         SingularSystem: the tracks do not determine the motion (fewer than three, collinear, no overlap).
     """
-    F_p, F_X = _functionals(R[-2:], X, dt_s)
+    F_p, F_X = functionals(R[-2:], X, dt_s)
     m, n = len(R), len(X)
     tiles, at_rest = layout(frame, point, m, n), np.zeros((m, 3))
     fill_fixed(tiles, np.einsum("kab,kb->ka", R[frame], X[point]), W)
@@ -209,7 +209,7 @@ def motion_covariance(
     return np.asarray(pose_covariance(S, F, G) + U.T @ U)
 
 
-def _functionals(R: Array, X: Array, dt_s: float) -> tuple[Array, Array]:
+def functionals(R: Array, X: Array, dt_s: float) -> tuple[Array, Array]:
     """Derivatives of the 12 functionals by the last two poses (12, 12) and by the points (n, 12, 3)."""
     n = len(X)
     centre = X.mean(axis=0)
