@@ -74,7 +74,8 @@ class StudyResult:
         for estimator in self.estimators:
             of = {name: _only(table, "estimator", estimator) for name, table in tables.items()}
             label = {"scenario": self.scenario, "seed": self.seed, "estimator": estimator, "point": point}
-            yield from (row | label for row in measure_rows(of["measures"]))
+            if len(of["measures"]):
+                yield from (row | label for row in measure_rows(of["measures"]))
             if of["support"].empty:
                 continue
             pooled = Pooled(
