@@ -48,14 +48,14 @@ def predict_symmetric(
     return np.asarray((predicted + _transposed(predicted)) / 2)
 
 
-def _selected(P: Array, H: Array, dz: Array, R: Array, gate: float) -> tuple[Array, Array, Array, Array, Array]:
-    """PH' (..., n, m), q and used (..., m), and decorrelated H, dz with zeros where a measurement is not used."""
+def _selected(P: Array, H: Array, dz: Array, R: Array, gate: float) -> tuple[Array, Array, Array, Array]:
+    """PH' (..., n, m), used (..., m), and decorrelated H, dz with zeros where a measurement is not used."""
     H, dz = decorrelated(H, dz, R)
     PH = P @ _transposed(H)
     q = np.sum(_transposed(PH) * H, axis=-1) + P.dtype.type(1)
     with np.errstate(invalid="ignore"):
         used = dz**2 <= np.asarray(gate, P.dtype) ** 2 * q
-    return PH * used[..., None, :], q, used, H * used[..., None], np.where(used, dz, 0)
+    return PH * used[..., None, :], used, H * used[..., None], np.where(used, dz, 0)
 
 
 def _gain(PH: Array, H: Array, dz: Array) -> tuple[Array, Array]:
@@ -74,9 +74,9 @@ def plain(
     gate: float = np.inf,
 ) -> Correction:
     """K = P H' (H P H' + R)^-1, (6.16); P - K H P, (6.17), which rounding can make indefinite."""
-    PH, q, used, H, dz = _selected(P, H, dz, R, gate)
+    PH, used, H, dz = _selected(P, H, dz, R, gate)
     K, nis = _gain(PH, H, dz)
-    return Correction(x + _times(K, dz), P - K @ H @ P, q, used, nis)
+    return Correction(x + _times(K, dz), P - K @ H @ P, used, nis)
 
 
 def joseph(
@@ -88,11 +88,11 @@ def joseph(
     gate: float = np.inf,
 ) -> Correction:
     """As `plain`, but (I - K H) P (I - K H)' + K R K', (6.18)."""
-    PH, q, used, H, dz = _selected(P, H, dz, R, gate)
+    PH, used, H, dz = _selected(P, H, dz, R, gate)
     K, nis = _gain(PH, H, dz)
     rest = np.eye(P.shape[-1], dtype=P.dtype) - K @ H
     P = rest @ P @ _transposed(rest) + K @ _transposed(K)
-    return Correction(x + _times(K, dz), P, q, used, nis)
+    return Correction(x + _times(K, dz), P, used, nis)
 
 
 def information(
@@ -104,12 +104,12 @@ def information(
     gate: float = np.inf,
 ) -> Correction:
     """Y + H' R^-1 H with Y the inverse of P: no matrix of the measurements' number is inverted."""
-    _, q, used, H, dz = _selected(np.linalg.inv(Y), H, dz, R, gate)
+    _, used, H, dz = _selected(np.linalg.inv(Y), H, dz, R, gate)
     Y = Y + _transposed(H) @ H
     b = _times(_transposed(H), dz)
     dx = np.linalg.solve(Y, b[..., None])[..., 0]
     nis = np.asarray(_dot(dz, dz) - _dot(b, dx))
-    return Correction(x + dx, Y, q, used, nis)
+    return Correction(x + dx, Y, used, nis)
 
 
 def start_information(P: Float[Array, "... n n"]) -> Float[Array, "... n n"]:

@@ -17,11 +17,12 @@ from estimators.kalman.linear import Correction, check_blocks, not_positive, pos
 Array = np.ndarray
 
 
-def _runs(a: Array, lead: tuple[int, ...], shape: tuple[int, ...]) -> Array:
-    """An array of shape (*lead, *shape), by broadcasting, as (r, *shape) in memory of its own order."""
-    if a.shape != (*lead, *shape):
+def _runs(a: Array, lead: tuple[int, ...], axes: int) -> Array:
+    """An array of leading axes that broadcast to ``lead``, as (r, ...) or, the same for all runs, (1, ...)."""
+    shape = a.shape[a.ndim - axes :]
+    if a.ndim > axes and a.shape[:-axes] != lead:
         a = np.broadcast_to(a, (*lead, *shape))
-    return np.ascontiguousarray(a.reshape(-1, *shape))
+    return np.ascontiguousarray(a).reshape(-1, *shape)
 
 
 def by_scalars(form: int) -> Callable[..., Correction]:
@@ -35,27 +36,19 @@ def by_scalars(form: int) -> Callable[..., Correction]:
         R: Float[Array, "... k b b"],
         gate: float = math.inf,
     ) -> Correction:
-        lead, n, m = x.shape[:-1], x.shape[-1], dz.shape[-1]
-        k, b = R.shape[-3:-1]
-        check_blocks(m, R)
-        F, dx, q, used, nis, wrong = kernels.correct(
-            form,
-            _runs(F, lead, (n, n)),
-            _runs(H, lead, (m, n)),
-            _runs(dz, lead, (m,)),
-            _runs(R, lead, (k, b, b)),
-            F.dtype.type(gate),
-        )
-        if wrong[0] >= 0:
-            raise not_positive(wrong[1])
-        shape = (*lead, m)
-        return Correction(
-            x + dx.reshape(x.shape),
-            F.reshape(*lead, n, n),
-            q.reshape(shape),
-            used.reshape(shape),
-            nis.reshape(lead),
-        )
+        check_blocks(dz.shape[-1], R)
+        lead = x.shape[:-1]
+        gate = F.dtype.type(gate)
+        if not lead:
+            corrected, F, used, nis, wrong = kernels.correct(form, x, F, H, dz, R, gate)
+        else:
+            runs = (_runs(a, lead, axes) for a, axes in ((x, 1), (F, 2), (H, 2), (dz, 1), (R, 3)))
+            corrected, F, used, nis, wrong = kernels.correct_runs(form, *runs, gate)
+            corrected, F, nis = corrected.reshape(x.shape), F.reshape(*lead, *F.shape[1:]), nis.reshape(lead)
+            used = used.reshape(*lead, -1)
+        if wrong >= 0:
+            raise not_positive(wrong)
+        return Correction(corrected, F, used, nis)
 
     return correct
 
@@ -142,6 +135,6 @@ def predict_udu(
     *lead, n, s = W.shape
     weights = np.concatenate([np.broadcast_to(D, (*lead, n)), np.broadcast_to(q, (*lead, s - n))], axis=-1)
     predicted = np.empty((math.prod(lead), n, n), W.dtype)
-    if not kernels.thornton(_runs(W, tuple(lead), (n, s)).copy(), _runs(weights, tuple(lead), (s,)), predicted):
+    if not kernels.thornton(W.reshape(-1, n, s), weights.reshape(-1, s), predicted):
         raise ValueError("A, G, q: the predicted covariance is not positive definite")
     return predicted.reshape(*lead, n, n)

@@ -1,207 +1,224 @@
 """Compiled loops over runs, blocks of correlated measurements, and scalar measurements.
 
 Each block is decorrelated first (Dickmanns 2007, 6.4.5.1), so that every scalar measurement has variance 1; each is
-used in turn, and the innovations of the following ones are corrected for what it changed, (6.35).
+used in turn, and the innovations of the following ones are corrected for what it changed, (6.35). Many measurements
+without a gate are first compressed to as many as there are states, by an orthogonal transformation.
 
-One scalar measurement: row c (n,) of the Jacobian, innovation e already corrected. A function returns the innovation
-covariance q of (6.57) and whether the measurement was used, e² <= gate² q; if so F (n, n) and dx (n,) are corrected.
+Work space: W (n + 1, b, k'), the blocks along its last axis, filled up to a multiple of eight; W[a] is what the
+measurements say of state a, W[n] their innovations. L (b, b, k') the Cholesky factors, their diagonal inverted.
 """
 
 from __future__ import annotations
 
 from typing import Any, no_type_check
 
-import numba
 import numpy as np
 
-Array = np.ndarray
+from estimators.kalman import scalars
+from estimators.kalman.scalars import Array, compiled
+
 SEQUENTIAL, POTTER, CARLSON, UDU = range(4)
-compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
 
 
 @compiled
 @no_type_check
-def _sequential(P: Array, c: Array, e: Any, gate: Any, dx: Array, f: Array, k: Array) -> Any:
-    """Covariance P itself, (6.37)."""
-    n = len(c)
-    f[:] = 0
-    for a in range(n):
-        if c[a] != 0:
-            for b in range(n):
-                f[b] += c[a] * P[a, b]
-    q = c.dtype.type(1)
-    for a in range(n):
-        q += c[a] * f[a]
-    if not e * e <= gate * gate * q:
-        return q, False
-    for a in range(n):
-        k[a] = f[a] / q
-        dx[a] += k[a] * e
-    for a in range(n):
-        for b in range(n):
-            P[a, b] -= k[a] * f[b]
-    return q, True
-
-
-@compiled
-@no_type_check
-def _potter(S: Array, c: Array, e: Any, gate: Any, dx: Array, f: Array, k: Array) -> Any:
-    """Root S, P = S S' (Potter 1964): S - k f' / (1 + sqrt(1/q)) with f = S' c, k = S f / q."""
-    n = len(c)
-    f[:] = 0
-    for a in range(n):
-        if c[a] != 0:
-            for b in range(n):
-                f[b] += S[a, b] * c[a]
-    one = c.dtype.type(1)
-    q = one
-    for a in range(n):
-        q += f[a] * f[a]
-    if not e * e <= gate * gate * q:
-        return q, False
-    share = q / (q + np.sqrt(q))
-    for a in range(n):
-        total = S[a, 0] * f[0]
-        for b in range(1, n):
-            total += S[a, b] * f[b]
-        k[a] = total / q
-        dx[a] += k[a] * e
-        total = share * k[a]
-        for b in range(n):
-            S[a, b] -= total * f[b]
-    return q, True
-
-
-@compiled
-@no_type_check
-def _carlson(S: Array, c: Array, e: Any, gate: Any, dx: Array, f: Array, k: Array) -> Any:
-    """Upper triangular root, given as its transpose S, P = S' S, which stays triangular (Carlson 1973)."""
-    n = len(c)
-    one = c.dtype.type(1)
-    q = one
-    for b in range(n):
-        total = S[b, 0] * c[0]
-        for a in range(1, b + 1):
-            total += S[b, a] * c[a]
-        f[b] = total
-        q += total * total
-    if not e * e <= gate * gate * q:
-        return q, False
-    k[:] = 0
-    before = one
-    for b in range(n):
-        after = before + f[b] * f[b]
-        keep, mix = np.sqrt(before / after), f[b] / np.sqrt(before * after)
-        for a in range(b + 1):
-            old = S[b, a]
-            S[b, a] = old * keep - k[a] * mix
-            k[a] += old * f[b]
-        before = after
-    for a in range(n):
-        dx[a] += k[a] / q * e
-    return q, True
-
-
-@compiled
-@no_type_check
-def _udu(F: Array, c: Array, e: Any, gate: Any, dx: Array, f: Array, k: Array) -> Any:
-    """Factors of P = U D U', given as U' in F with D on its diagonal, (6.43)-(6.48).
-
-    The factorisation of D - e e'/q is Bierman's recursion, column by column of U, without a subtraction of variances.
-    """
-    n = len(c)
-    one = c.dtype.type(1)
-    q = one
-    for b in range(n):
-        total = c[b]
-        for a in range(b):
-            total += F[b, a] * c[a]
-        f[b] = total
-        q += total * total * F[b, b]
-    if not e * e <= gate * gate * q:
-        return q, False
-    before = one
-    for b in range(n):
-        g = F[b, b] * f[b]
-        after = before + f[b] * g
-        mix = -f[b] / before
-        F[b, b] *= before / after
-        for a in range(b):
-            old = F[b, a]
-            F[b, a] = old + k[a] * mix
-            k[a] += old * g
-        k[b] = g
-        before = after
-    for a in range(n):
-        dx[a] += k[a] / q * e
-    return q, True
-
-
-@compiled
-@no_type_check
-def _whiten(R: Array, H: Array, dz: Array, h: Array, e: Array, L: Array) -> Any:
-    """h = L^-1 H, e = L^-1 dz of one block, R = L L'; False where R is not positive definite."""
-    b, n = H.shape
-    for i in range(b):
-        for j in range(i + 1):
-            total = R[i, j]
-            for s in range(j):
-                total -= L[i, s] * L[j, s]
-            if i == j:
-                if not (0 < total < np.inf):
-                    return False
-                L[i, i] = np.sqrt(total)
+def _factored(R: Array, L: Array) -> int:
+    """L of all blocks R (k, b, b) = L L'; the first block that is not positive definite, or -1."""
+    k, b = R.shape[:2]
+    for j in range(b):
+        for l in range(j + 1):
+            L[j, l] = j == l
+            for i in range(k):
+                L[j, l, i] = R[i, j, l]
+    for j in range(b):
+        for l in range(j + 1):
+            entry = L[j, l]
+            for s in range(l):
+                left, right = L[j, s], L[l, s]
+                for i in range(len(entry)):
+                    entry[i] -= left[i] * right[i]
+            if l < j:
+                inverse = L[l, l]
+                for i in range(len(entry)):
+                    entry[i] *= inverse[i]
             else:
-                L[i, j] = total / L[j, j]
-        e[i] = dz[i]
-        h[i] = H[i]
-        for j in range(i):
-            e[i] -= L[i, j] * e[j]
-            for a in range(n):
-                h[i, a] -= L[i, j] * h[j, a]
-        e[i] /= L[i, i]
-        for a in range(n):
-            h[i, a] /= L[i, i]
-    return True
+                for i in range(k):
+                    if not (0 < entry[i] < np.inf):
+                        return i
+                for i in range(len(entry)):
+                    entry[i] = 1 / np.sqrt(entry[i])
+    return -1
 
 
 @compiled
 @no_type_check
-def correct(form: int, F: Array, H: Array, dz: Array, R: Array, gate: Any) -> Any:
-    """F (r, n, n) and dx (r, n) after the measurements H (r, m, n), dz (r, m) in blocks R (r, k, b, b).
+def _whitened(H: Array, dz: Array, L: Array, W: Array, used: Array) -> None:
+    """W and used (m,) of the measurements H (m, n), dz (m,); zeros, and not used, where a block has a NaN."""
+    m, n = H.shape
+    b = L.shape[0]
+    W[:, :, m // b :] = 0
+    for i in range(m // b):
+        seen = True
+        for j in range(i * b, i * b + b):
+            seen &= not np.isnan(dz[j])
+        used[i * b : i * b + b] = seen
+        for j in range(b):
+            row = H[i * b + j]
+            for a in range(n):
+                W[a, j, i] = row[a] if seen else 0
+            W[n, j, i] = dz[i * b + j] if seen else 0
+    for a in range(n + 1):
+        for j in range(b):
+            row, inverse = W[a, j], L[j, j]
+            for l in range(j):
+                before, share = W[a, l], L[j, l]
+                for i in range(len(row)):
+                    row[i] -= share[i] * before[i]
+            for i in range(len(row)):
+                row[i] *= inverse[i]
 
-    Also q and used (r, m), in units of the decorrelated measurements, nis (r,) the sum of e²/q of what was used, and
-    the (run, block) whose R is not positive definite, or (-1, -1).
+
+@compiled
+@no_type_check
+def _alike(W: Array) -> bool:
+    """Whether no measurement would drown in the rounding of another: lengths of rows within eps^-1/4."""
+    size = np.zeros(W.shape[1], W.dtype)
+    for a in range(len(W) - 1):
+        column = W[a]
+        for i in range(len(size)):
+            size[i] += column[i] * column[i]
+    most, least = size[0], size.dtype.type(np.inf)
+    for square in size:
+        most = max(most, square)
+        if square > 0:
+            least = min(least, square)
+    return most * np.sqrt(np.finfo(size.dtype).eps) <= least
+
+
+@compiled
+@no_type_check
+def _compressed(W: Array, C: Array) -> Any:
+    """Rows C (n, n + 1) that say the same as the measurements W (n + 1, m), and the sum of squares they leave.
+
+    Gram-Schmidt in its modified order, as stable as Householder's transformation; nothing is squared.
     """
-    runs, m, n = H.shape
-    blocks, b = R.shape[1], R.shape[2]
-    F = F.copy()
-    kind = F.dtype
-    dx, q, nis = np.zeros((runs, n), kind), np.empty((runs, m), kind), np.zeros(runs, kind)
-    used = np.zeros((runs, m), np.bool_)
-    h, e, L = np.empty((b, n), kind), np.empty(b, kind), np.empty((b, b), kind)
-    f, k = np.empty(n, kind), np.empty(n, kind)
+    n = len(W) - 1
+    C[:] = 0
+    for a in range(n):
+        unit = W[a]
+        square = unit[0] * unit[0]
+        for i in range(1, len(unit)):
+            square += unit[i] * unit[i]
+        if square == 0:
+            continue
+        length = np.sqrt(square)
+        C[a, a] = length
+        for b in range(a + 1, n + 1):
+            column = W[b]
+            share = unit[0] * column[0]
+            for i in range(1, len(unit)):
+                share += unit[i] * column[i]
+            C[a, b] = share / length
+            share /= square
+            for i in range(len(unit)):
+                column[i] -= share * unit[i]
+    rest = W[n]
+    square = rest[0] * rest[0]
+    for i in range(1, len(rest)):
+        square += rest[i] * rest[i]
+    return square
+
+
+@compiled
+@no_type_check
+def _scalar(form: int, dx: Array, F: Array, c: Array, gate: Any, f: Array, k: Array) -> Any:
+    """One measurement, row c (n + 1,) with its innovation at the end: whether it was used, and its e²/q."""
+    n = len(dx)
+    e, c = c[n], c[:n]
+    for a in range(n):
+        e -= c[a] * dx[a]
+    if form == SEQUENTIAL:
+        q, used = scalars.sequential(F, c, e, gate, dx, f, k)
+    elif form == POTTER:
+        q, used = scalars.potter(F, c, e, gate, dx, f, k)
+    elif form == CARLSON:
+        q, used = scalars.carlson(F, c, e, gate, dx, f, k)
+    else:
+        q, used = scalars.udu(F, c, e, gate, dx, f, k)
+    return used, e * e / q
+
+
+@compiled
+@no_type_check
+def _corrected(
+    form: int, dx: Array, F: Array, H: Array, dz: Array, L: Array, gate: Any, W: Array, C: Array, used: Array
+) -> Any:
+    """Corrects dx (n,), all zero, and F (n, n) of one run, and tells used (m,); the NIS of what was used."""
+    n, m, b = len(dx), len(dz), len(L)
+    f, k = np.empty(n, F.dtype), np.empty(n, F.dtype)
+    _whitened(H, dz, L, W, used)
+    flat = W.reshape(n + 1, -1)
+    nis = F.dtype.type(0)
+    if gate == np.inf and m > 2 * n and _alike(flat):
+        nis = _compressed(flat, C)
+        for a in range(n):
+            if C[a, a] > 0:
+                _, share = _scalar(form, dx, F, C[a], gate, f, k)
+                nis += share
+        return nis
+    c = C[0]
+    for i in range(m):
+        if used[i]:
+            for a in range(n + 1):
+                c[a] = W[a, i % b, i // b]
+            taken, share = _scalar(form, dx, F, c, gate, f, k)
+            used[i] = taken
+            if taken:
+                nis += share
+    return nis
+
+
+@compiled
+@no_type_check
+def _space(F: Array, R: Array) -> Any:
+    """L, W and C of the docstrings above."""
+    k, b = R.shape[-3:-1]
+    n, wide, kind = F.shape[-1], (k + 7) // 8 * 8, F.dtype
+    return np.empty((b, b, wide), kind), np.empty((n + 1, b, wide), kind), np.empty((n, n + 1), kind)
+
+
+@compiled
+@no_type_check
+def correct(form: int, x: Array, F: Array, H: Array, dz: Array, R: Array, gate: Any) -> Any:
+    """x (n,) and F (n, n) corrected by measurements H (m, n), dz (m,) in blocks R (k, b, b); used (m,), NIS ().
+
+    Last, the block whose R is not positive definite, or -1.
+    """
+    L, W, C = _space(F, R)
+    dx, F = np.zeros_like(x), F.copy()
+    used, nis = np.zeros(len(dz), np.bool_), np.zeros((), F.dtype)
+    wrong = _factored(R, L)
+    if wrong < 0:
+        nis[()] = _corrected(form, dx, F, H, dz, L, gate, W, C, used)
+    return x + dx, F, used, nis, wrong
+
+
+@compiled
+@no_type_check
+def correct_runs(form: int, x: Array, F: Array, H: Array, dz: Array, R: Array, gate: Any) -> Any:
+    """As `correct` for r runs along a first axis, which is of length 1 where all of them have the same."""
+    L, W, C = _space(F, R)
+    runs, m = len(x), dz.shape[1]
+    dx, out = np.zeros_like(x), np.empty((runs, *F.shape[1:]), F.dtype)
+    used, nis = np.zeros((runs, m), np.bool_), np.zeros(runs, F.dtype)
     for r in range(runs):
-        for block in range(blocks):
-            i0 = block * b
-            if not _whiten(R[r, block], H[r, i0 : i0 + b], dz[r, i0 : i0 + b], h, e, L):
-                return F, dx, q, used, nis, (r, block)
-            for j in range(b):
-                rest = e[j]
-                for a in range(n):
-                    rest -= h[j, a] * dx[r, a]
-                if form == SEQUENTIAL:
-                    variance, taken = _sequential(F[r], h[j], rest, gate, dx[r], f, k)
-                elif form == POTTER:
-                    variance, taken = _potter(F[r], h[j], rest, gate, dx[r], f, k)
-                elif form == CARLSON:
-                    variance, taken = _carlson(F[r], h[j], rest, gate, dx[r], f, k)
-                else:
-                    variance, taken = _udu(F[r], h[j], rest, gate, dx[r], f, k)
-                q[r, i0 + j], used[r, i0 + j] = variance, taken
-                if taken:
-                    nis[r] += rest * rest / variance
-    return F, dx, q, used, nis, (-1, -1)
+        if r < len(R):
+            wrong = _factored(R[r], L)
+            if wrong >= 0:
+                return x, out, used, nis, wrong
+        out[r] = F[r % len(F)]
+        nis[r] = _corrected(form, dx[r], out[r], H[r % len(H)], dz[r], L, gate, W, C, used[r])
+    return x + dx, out, used, nis, -1
 
 
 @compiled

@@ -14,14 +14,12 @@ Array = np.ndarray
 class Correction:
     """State x (..., n) and covariance F (..., n, n), in the form's way, after the measurements of one time.
 
-    q (..., m): innovation covariance (6.57) of every measurement, decorrelated to unit variance; in sequential forms
-    after those before it. used (..., m): False where it was gated or NaN. nis (...): normalised innovation squared of
-    those used, chi-square with as many degrees of freedom.
+    used (..., m): False where a measurement was gated or NaN. nis (...): normalised innovation squared of those used,
+    chi-square with as many degrees of freedom.
     """
 
     x: Float[Array, "... n"]
     F: Float[Array, "... n n"]
-    q: Float[Array, "... m"]
     used: Bool[Array, "... m"]
     nis: Float[Array, "..."]
 

@@ -42,8 +42,9 @@ class Problem:
 
 @pytest.mark.parametrize("runs", [(), (4,), (2, 3)])
 @pytest.mark.parametrize("seed", range(5))
-def test_all_forms_agree(seed: int, runs: tuple[int, ...]) -> None:
-    p = Problem(seed, runs)
+@pytest.mark.parametrize("m", [8, 40])
+def test_all_forms_agree(seed: int, m: int, runs: tuple[int, ...]) -> None:
+    p = Problem(seed, runs, m=m)
     x, P, nis = p.step("plain")
     for name in NAMES[1:]:
         for found, expected in zip(p.step(name), (x, P, nis), strict=True):
