@@ -1,0 +1,1 @@
+"""Estimators for aerial images of traffic (Kozempel 2012)."""
