@@ -7,7 +7,8 @@ Frames (right-handed)
     c  left camera, r right camera: x right, y down, z forward (OpenCV).
     o  an estimator's own object frame; nothing outside the estimator depends on its choice.
     ``T_wc`` maps camera to world, ``p_w = T_wc @ p_c``: indices cancel.
-    The photogrammetric camera (x right, y up, z backward) appears only in `sim.pose` converters.
+    The photogrammetric camera (x right, y up, z backward) appears only in `sim.angles`.
+    A flight's w is a UTM grid reduced by an origin (`sim.geodesy`); its body b is forward, right, down (`sim.angles`).
 
 Units
     SI and radians inside. Degrees only in scenario files and figures, and then in the name: ``heading_deg``,

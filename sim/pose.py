@@ -1,4 +1,4 @@
-"""Rotations SO(3) and rigid poses SE(3), batched on leading axes, and the field's angle conventions."""
+"""Rotations SO(3) and rigid poses SE(3), batched on leading axes, Rodrigues vectors and quaternions."""
 
 from __future__ import annotations
 
@@ -177,38 +177,3 @@ def rotation_from_quaternion(q: Float[Array, "*b 4"]) -> Float[Array, "*b 3 3"]:
     """Rotation matrix of a quaternion (w, x, y, z), normalised first."""
     q = np.asarray(q, float)
     return Rotation.from_quat(q.reshape(-1, 4), scalar_first=True).as_matrix().reshape(*q.shape[:-1], 3, 3)
-
-
-def rotation_from_roll_pitch_heading(rph: Float[Array, "*b 3"]) -> Float[Array, "*b 3 3"]:
-    """R_wb of a body (x forward, y left, z up): heading clockwise from +y, pitch nose up, roll right side down."""
-    rph = np.asarray(rph, float)
-    roll, pitch, heading = rph[..., 0], rph[..., 1], rph[..., 2]
-    zero = np.zeros_like(roll)
-    R_pitch = exp_so3(np.stack([zero, -pitch, zero], axis=-1))
-    R_roll = exp_so3(np.stack([roll, zero, zero], axis=-1))
-    return np.asarray(vehicle_rotation(heading) @ R_pitch @ R_roll)
-
-
-def roll_pitch_heading(R_wb: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3"]:
-    """Inverse of `rotation_from_roll_pitch_heading`; pitch in [-π/2, π/2]."""
-    R = np.asarray(R_wb, float)
-    pitch = np.arcsin(np.clip(R[..., 2, 0], -1, 1))
-    return np.stack([np.arctan2(R[..., 2, 1], R[..., 2, 2]), pitch, heading_of(R)], axis=-1)
-
-
-# The photogrammetric camera (x right, y up, z backward) from ours (x right, y down, z forward).
-_FLIP = np.diag([1.0, -1.0, -1.0])
-
-
-def rotation_from_omega_phi_kappa(opk: Float[Array, "*b 3"]) -> Float[Array, "*b 3 3"]:
-    """R_wc of our camera from the photogrammetric angles: R = R_x(omega) R_y(phi) R_z(kappa) [rad]."""
-    opk = np.asarray(opk, float)
-    R = Rotation.from_euler("XYZ", opk.reshape(-1, 3)).as_matrix().reshape(*opk.shape[:-1], 3, 3)
-    return np.asarray(R @ _FLIP)
-
-
-def omega_phi_kappa(R_wc: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3"]:
-    """Inverse of `rotation_from_omega_phi_kappa`; phi in [-π/2, π/2]."""
-    R = np.asarray(R_wc, float) @ _FLIP
-    angles = Rotation.from_matrix(R.reshape(-1, 3, 3)).as_euler("XYZ")
-    return angles.reshape(*R.shape[:-2], 3)

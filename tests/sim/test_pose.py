@@ -193,60 +193,22 @@ def test_quaternion_against_scipy(r: Array) -> None:
     np.testing.assert_allclose(Rotation.from_quat(np.roll(q, -1)).as_matrix(), R, atol=ROUNDING)
 
 
-# Half the sphere of the middle angle, 1e-3 from the gimbal lock, where the outer two are no longer separable.
-@given(st.floats(-3.1, 3.1), st.floats(-np.pi / 2 + 1e-3, np.pi / 2 - 1e-3), st.floats(-3.1, 3.1))
-def test_roll_pitch_heading(roll: float, pitch: float, heading: float) -> None:
-    rph = np.array([roll, pitch, heading])
-    R = pose.rotation_from_roll_pitch_heading(rph)
-    # Counter-clockwise z, then y, then x of the turned body; nose up is negative about y (left).
-    expected = Rotation.from_euler("ZYX", [np.pi / 2 - heading, -pitch, roll]).as_matrix()
-    np.testing.assert_allclose(R, expected, atol=ROUNDING)
-    np.testing.assert_allclose(pose.roll_pitch_heading(R), rph, atol=1e-11)  # rounding / cos(pitch)^2 for the arcsin
-    assert pose.heading_of(R) == pytest.approx(heading, abs=1e-12)
-
-
-def test_what_roll_pitch_and_heading_mean() -> None:
-    """Heading clockwise from +y; pitch lifts the nose; roll lowers the right side."""
-
-    def axes(roll: float, pitch: float, heading: float) -> Array:
-        return pose.rotation_from_roll_pitch_heading(np.deg2rad([roll, pitch, heading])).T
-
-    np.testing.assert_allclose(axes(0, 0, 0), [[0, 1, 0], [-1, 0, 0], [0, 0, 1]], atol=ROUNDING)
-    np.testing.assert_allclose(axes(0, 0, 90)[0], [1, 0, 0], atol=ROUNDING)
-    assert axes(0, 10, 30)[0, 2] == pytest.approx(np.sin(np.deg2rad(10)))
-    assert axes(10, 0, 30)[1, 2] == pytest.approx(np.sin(np.deg2rad(10)))  # the left side rises
-    np.testing.assert_allclose(pose.vehicle_rotation(np.deg2rad(30)), axes(0, 0, 30).T, atol=ROUNDING)
-    np.testing.assert_allclose(pose.rot_z(np.pi / 2) @ [1, 0, 0], [0, 1, 0], atol=ROUNDING)
-
-
-@given(st.floats(-3.1, 3.1), st.floats(-np.pi / 2 + 1e-3, np.pi / 2 - 1e-3), st.floats(-3.1, 3.1))
-def test_omega_phi_kappa(omega: float, phi: float, kappa: float) -> None:
-    opk = np.array([omega, phi, kappa])
-    R = pose.rotation_from_omega_phi_kappa(opk)
-    x, y, z = np.eye(3)
-    product = exp_so3(omega * x) @ exp_so3(phi * y) @ exp_so3(kappa * z)
-    np.testing.assert_allclose(R, product @ np.diag([1, -1, -1]), atol=ROUNDING)
-    # Rounding / cos(phi) = 1e-13; SciPy itself treats 1e-7 as the lock.
-    np.testing.assert_allclose(pose.omega_phi_kappa(R), opk, atol=1e-11)
-
-
-def test_vertical_photograph_has_no_angles() -> None:
-    """Looking straight down with the image's top to the north (+y)."""
-    R_wc = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
-    np.testing.assert_allclose(pose.omega_phi_kappa(R_wc), 0, atol=ROUNDING)
+@given(st.floats(-3.1, 3.1))
+def test_heading_of_a_vehicle(heading: float) -> None:
+    """Clockwise from +y: at zero the vehicle's axes forward, left, up are +y, -x, +z."""
+    R = pose.vehicle_rotation(heading)
+    np.testing.assert_allclose(R[:, 0], [np.sin(heading), np.cos(heading), 0], atol=ROUNDING)
+    np.testing.assert_allclose(R[:, 1], [-np.cos(heading), np.sin(heading), 0], atol=ROUNDING)
+    np.testing.assert_allclose(R[:, 2], [0, 0, 1], atol=ROUNDING)
+    assert pose.heading_of(R) == pytest.approx(heading, abs=ROUNDING)
 
 
 def test_conventions_are_batched() -> None:
     rng = np.random.default_rng(2)
-    angles = rng.uniform(-1, 1, (2, 5, 3))
-    for there, back in [
-        (pose.rotation_from_rodrigues, pose.rodrigues_from_rotation),
-        (pose.rotation_from_roll_pitch_heading, pose.roll_pitch_heading),
-        (pose.rotation_from_omega_phi_kappa, pose.omega_phi_kappa),
-    ]:
-        R = there(angles)
-        assert R.shape == (2, 5, 3, 3)
-        np.testing.assert_allclose(back(R), angles, atol=1e-12)
+    m = rng.uniform(-1, 1, (2, 5, 3))
+    R = pose.rotation_from_rodrigues(m)
+    assert R.shape == (2, 5, 3, 3)
+    np.testing.assert_allclose(pose.rodrigues_from_rotation(R), m, atol=1e-12)
     assert pose.quaternion_from_rotation(R).shape == (2, 5, 4)
     assert pose.rotation_from_quaternion(pose.quaternion_from_rotation(R)).shape == (2, 5, 3, 3)
 
