@@ -31,7 +31,7 @@ STATISTICS = ("rms", "crb", "efficiency", "bias", "std", "p95", "max")
 HEADINGS = ("RMS", "bound", "efficiency", "bias", "std", "95 %", "max")
 _WITH_INTERVAL = ("rms", "efficiency", "bias")
 _SHOWN = {"rad": ("°", math.degrees(1)), "rad/s": ("°/s", math.degrees(1)), "1": ("", 1.0)}
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def number(value: float, unit: str = "1") -> str:
     exponent = math.floor(math.log10(abs(value))) if value else 0
     if exponent < -4 or exponent > 5:
         mantissa = f"{value / 10.0**exponent:.1f}".replace("-", "−")
-        return f"{mantissa}·10{str(exponent).translate(_SUPERSCRIPT)}"
+        return f"{mantissa}·10{str(exponent).translate(SUPERSCRIPT)}"
     return f"{value:.{max(0, 2 - exponent)}f}".replace("-", "−")
 
 

@@ -7,13 +7,14 @@ from collections.abc import Callable
 import pandas as pd
 from matplotlib.figure import Figure
 
-from reports import battery_outputs, rig_outputs, siegemund
+from reports import battery_outputs, recursive, rig_outputs, siegemund
 from reports.studies import heat_map, lines, measures, metrics
 
 TABLES: dict[str, Callable[..., pd.DataFrame]] = {
     "metrics": metrics,
     "measures": measures,
     **siegemund.TABLES,
+    **recursive.TABLES,
     **rig_outputs.TABLES,
     **battery_outputs.TABLES,
 }
@@ -21,6 +22,7 @@ FIGURES: dict[str, Callable[..., Figure]] = {
     "lines": lines,
     "heat_map": heat_map,
     **siegemund.FIGURES,
+    **recursive.FIGURES,
     **rig_outputs.FIGURES,
     **battery_outputs.FIGURES,
 }

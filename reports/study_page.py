@@ -15,7 +15,7 @@ from reports.html import embedded, template
 from reports.study_html import cells
 from sim.archive import write_text
 
-CLAIMS = "siegemund_claims"
+CLAIMS = "_claims"  # how the names of tables of statements end
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def _section(page: Path, folder: Path) -> Section:
     for i, spec in enumerate(study["table"]):
         table = pd.read_csv(folder / (f"table-{spec['label']}.csv" if i else "table.csv"), keep_default_na=True)
         heads, rows, _ = cells(table)
-        if spec["name"] == CLAIMS:
+        if spec["name"].endswith(CLAIMS):
             claims = rows
         else:
             tables.append((spec["label"], spec["caption"], heads, rows))

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 
+from reports.claim import Claim, holds
 from reports.errors import SMOOTHED
-from reports.siegemund.claim import Claim, holds
 from reports.siegemund.recordings import cloud_above_table, system_error_table
 from reports.studies import StudyResult
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pandas as pd
 
-from reports.siegemund.claim import Claim, holds
+from reports.claim import Claim, holds
 from reports.siegemund.datum import datum_table
 from reports.siegemund.detectors import counts
 from reports.siegemund.matrices import beside_the_diagonal, structure_table, system

@@ -31,7 +31,7 @@ class ScalarFilter:
     """Variance of the error of the start value."""
     stated_start: float = 1.0
     """P*(0), over the variance of the error of the start value."""
-    steps: tuple[int, ...] = (1, 2, 3, 5, 10, 20, 50, 100)
+    steps: tuple[int, ...] = (1, 2, 3, 5, 10, 20, 50, 100, 200)
     """Numbers of steps after which the filter is looked at."""
 
     def __post_init__(self) -> None:
