@@ -63,7 +63,7 @@ class Corrected:
 def correct(form: Form, state: State, F: Array, seen: Seen, gate_sigma: float) -> Corrected:
     """Corrects by the image points of the state's tracks."""
     _, i, k = np.intersect1d(state.track, seen.track, assume_unique=True, return_indices=True)
-    pose, point, dz = _innovation(state.X[i], state.T, seen, k)
+    pose, point, dz = innovation(state.X[i], state.T, seen, k)
     inside = np.isfinite(dz).all(axis=1)
     gated = np.zeros(len(state.X), bool)
     gated[i[~inside]] = True
@@ -82,7 +82,7 @@ def correct(form: Form, state: State, F: Array, seen: Seen, gate_sigma: float) -
     return Corrected(replace(state.plus(c.x), support=support), c.F, float(c.nis), dz.size, gated)
 
 
-def _innovation(X: Array, T_wo: Pose, seen: Seen, k: Array) -> tuple[Array, Array, Array]:
+def innovation(X: Array, T_wo: Pose, seen: Seen, k: Array) -> tuple[Array, Array, Array]:
     """Derivatives by the pose (k, 4, 6) and by the point (k, 4, 3), and the innovation (k, 4), NaN behind a camera."""
     T_co = seen.T_wc.inv() @ T_wo
     y = T_co.apply(X)
@@ -107,11 +107,11 @@ def _limit(gate_sigma: float) -> float:
     return float(chi2.isf(chi2.sf(gate_sigma**2, 1), 4))
 
 
-def without_points(form: Form, state: State, F: Array, kept: Bool[Array, "n"]) -> tuple[State, Array]:
-    """State and covariance without the points whose tracks have ended."""
-    if kept.all():
+def without_points(form: Form, state: State, F: Array, kept: Int[Array, "s"]) -> tuple[State, Array]:
+    """State and covariance of some of the points (indices)."""
+    if len(kept) == len(state.X):
         return state, F
-    rows = error_rows(np.flatnonzero(kept))
+    rows = error_rows(kept)
     return state.select(kept), form.start(form.covariance(F)[np.ix_(rows, rows)])
 
 

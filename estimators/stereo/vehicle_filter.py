@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
@@ -13,18 +12,21 @@ import numpy as np
 from estimators.estimate import EstimationFailed, Failure, TrajectoryEstimate, WindowEstimate
 from estimators.gauss_markov import SingularSystem
 from estimators.kalman import FORMS, FormName
+from estimators.stereo.filter_adjusted import adjusted_start
+from estimators.stereo.filter_centroid import started, window_of_centroid
 from estimators.stereo.filter_output import window_of_points
-from estimators.stereo.filter_points import REJECTED, USED, Seen, correct, with_points, without_points
-from estimators.stereo.filter_start import Prior, own_start
-from estimators.stereo.filter_state import MOTION, Noise, State, transition
-from estimators.stereo.vehicle import interpret, level_camera
-from estimators.stereo.window_adjustment import triangulated
+from estimators.stereo.filter_points import REJECTED, USED, Seen, with_points
+from estimators.stereo.filter_run import UP, Run, Step, observed_frames
+from estimators.stereo.filter_smoother import smoothed
+from estimators.stereo.filter_start import Error, Prior, own_start
+from estimators.stereo.filter_state import Noise
+from estimators.stereo.vehicle import interpret
+from estimators.stereo.window_adjustment import Points, triangulated
 from estimators.stereo.windows import MIN_POINTS
 from sim.observations import Observations
 from sim.pose import Pose
 
 Array = np.ndarray
-_UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -35,36 +37,53 @@ class VehicleFilter:
     are observed the motion is constant in the world, else relative to the camera.
 
     State
-        state: "points" takes pose, velocity, angular rate and the object's points as states, measured in both images.
+        state: "points" has pose, velocity, angular rate and the object's points as states, measured in both images;
+        "centroid" only the motion, measured at the centroid of the triangulated points: it cannot tell how the object
+        is turned but from its path.
     Noise of the motion, spectral densities: nothing depends on the frame rate
-        longitudinal, lateral (of the horizontal course), vertical acceleration; angular acceleration about the vertical
-        (yaw) and about the horizontal axes (tilt).
+        longitudinal and lateral (of the horizontal course) and vertical acceleration; angular acceleration about the
+        vertical (yaw) and about the horizontal axes (tilt).
     Start
-        standard deviations of speed and of yaw and tilt rate before anything was measured.
+        start: "own" from the first two frames, speed, yaw and tilt rate with the standard deviations given here; "poor"
+        the same, but farther away, faster and turned by the ``poor`` values, which are poor_sigmas standard deviations
+        of what the filter believes; "adjustment" of the first start_frames frames.
     Filter
         form: how the covariance is carried, see `estimators.kalman`; gate_sigma: a point whose innovation is beyond is
-        not used, infinite for no gate.
+        not used, infinite for no gate; smooth: every frame from all observations, by the Rauch-Tung-Striebel smoother.
+
+    A window's cost is the normalised innovation squared of its newest frame, its redundancy the degrees of freedom.
     """
 
-    state: Literal["points"] = "points"
+    state: Literal["points", "centroid"] = "points"
     form: FormName = "udu"
     gate_sigma: float = 4.0
+    smooth: bool = False
     longitudinal_noise_mps2_sqrt_s: float = 3.0
     lateral_noise_mps2_sqrt_s: float = 1.0
     vertical_noise_mps2_sqrt_s: float = 0.3
     yaw_noise_radps2_sqrt_s: float = 0.5
     tilt_noise_radps2_sqrt_s: float = 0.1
+    start: Literal["own", "poor", "adjustment"] = "own"
+    start_frames: int = 10
     speed_sigma_mps: float = 20.0
     yaw_rate_sigma_radps: float = 0.5
     tilt_rate_sigma_radps: float = 0.1
+    poor_position_m: float = 2.0
+    poor_speed_mps: float = 5.0
+    poor_yaw_rad: float = 0.2
+    poor_sigmas: float = 5.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if isinstance(value, float) and not (value > 0 and (value < np.inf or name == "gate_sigma")):
                 raise ValueError(f"VehicleFilter.{name}: {value} is out of range, expected a positive number")
+        if self.start_frames < 2:
+            raise ValueError(f"VehicleFilter.start_frames: {self.start_frames} is out of range, expected 2 or more")
+        if self.start == "adjustment" and self.state == "centroid":
+            raise ValueError("VehicleFilter.start: an adjustment starts object points; expected own or poor")
 
     def __call__(self, observations: Observations) -> TrajectoryEstimate | EstimationFailed:
-        started = time.perf_counter()
+        started_s = time.perf_counter()
         if len(observations.tracks) and not observations.tracks.informative.any():
             return EstimationFailed("no observation has a finite covariance", ("state the sigma of the image points",))
         results = list(self._estimates(observations))
@@ -79,7 +98,7 @@ class VehicleFilter:
             failures=failures,
             interpretation=interpret(found, observations.t_s, observations.T_wc),
             T_wc=observations.T_wc,
-            runtime_s=time.perf_counter() - started,
+            runtime_s=time.perf_counter() - started_s,
         )
 
     @property
@@ -93,95 +112,76 @@ class VehicleFilter:
         )
 
     def _estimates(self, observations: Observations) -> Iterator[WindowEstimate | Failure]:
-        """One of every frame after the start."""
-        frames, t_s = observed_frames(observations), observations.t_s
-        T_wc = level_camera(len(t_s)) if observations.T_wc is None else observations.T_wc
-        before: Step | None = None
-        lost = ""
-        for frame, seen in enumerate(frames):
-            if before is None:
-                if len(seen.track) >= MIN_POINTS:
-                    before = self._start(frames, frame, t_s)
-                continue
-            if lost or len(seen.track) < MIN_POINTS:
-                yield Failure(frame, lost or "the frame has fewer than three tracks")
-                continue
-            try:
-                step = self._step(before, frame, seen, float(t_s[frame] - t_s[before.frame]))
-            except (ValueError, np.linalg.LinAlgError) as error:
-                lost = f"the filter has diverged: {error}"
-                yield Failure(frame, lost)
-                continue
-            yield window(step, before.frame, T_wc, t_s)
-            before = step
+        """One of every frame after the start, in order of the frames but for the failures."""
+        points, t_s = triangulated(observations, "linear"), observations.t_s
+        frames = observed_frames(observations, points)
+        first: Step | None = None
+        for newest, window in self._starts(frames):
+            found = self._started(observations, points, frames, window)
+            if isinstance(found, Step):
+                first = found
+                break
+            yield Failure(newest, found.reason, found.hints)
+        if first is None:
+            return
+        steps: list[Step] = []
+        for step in Run(FORMS[self.form], self._noise, self.gate_sigma, self.state == "points").steps(
+            first, frames, t_s
+        ):
+            if isinstance(step, Failure):
+                yield step
+            elif self.smooth:
+                steps.append(step)
+            else:
+                yield self._window(step, frames, t_s)
+        for step in smoothed(steps):
+            yield self._window(step, frames, t_s)
 
-    def _start(self, frames: list[Seen], first: int, t_s: Array) -> Step:
-        second = next((k for k in range(first + 1, len(frames)) if len(frames[k].track) >= MIN_POINTS), None)
-        prior = Prior(self.speed_sigma_mps, self.yaw_rate_sigma_radps, self.tilt_rate_sigma_radps)
-        now, then = frames[first], None if second is None else frames[second]
-        dt_s = 0.0 if second is None else float(t_s[second] - t_s[first])
-        state, P = own_start(now, then, dt_s, prior)
-        form = FORMS[self.form]
-        k = np.arange(len(now.track))
-        state, F = with_points(form, state, form.start(P), now, k, np.ones_like(k))
-        return Step(first, state, F, form.covariance(F), 0.0, 0)
+    def _starts(self, frames: list[Seen]) -> Iterator[tuple[int, Array]]:
+        """Frames to start with, first those that come first: the newest, and all of them."""
+        seen = np.flatnonzero([len(f.track) >= MIN_POINTS for f in frames])
+        size = self.start_frames if self.start == "adjustment" else 1
+        for end in range(size, len(seen) + 1):
+            yield int(seen[end - 1]), seen[end - size : end]
 
-    def _step(self, before: Step, frame: int, seen: Seen, dt_s: float) -> Step:
-        """Prediction to a frame and correction by it.
+    def _started(
+        self, observations: Observations, points: Points, frames: list[Seen], window: Array
+    ) -> Step | EstimationFailed:
+        form, now, newest = FORMS[self.form], frames[window[-1]], int(window[-1])
+        if self.start == "adjustment":
+            found = adjusted_start(observations, points, frames, window, self._noise)
+            if isinstance(found, EstimationFailed):
+                return found
+            state, P = found
+        else:
+            second = next((k for k in range(newest + 1, len(frames)) if len(frames[k].track) >= MIN_POINTS), newest)
+            dt_s = float(observations.t_s[second] - observations.t_s[newest])
+            prior = Prior(self.speed_sigma_mps, self.yaw_rate_sigma_radps, self.tilt_rate_sigma_radps)
+            state, P = own_start(now, frames[second] if second > newest else None, dt_s, prior)
+        F = form.start(P)
+        if self.state == "points":
+            k = np.flatnonzero(~np.isin(now.track, state.track))
+            state, F = with_points(form, state, F, now, k, np.ones_like(k))
+        else:
+            state, P = started(state, P, now)
+            F = form.start(P)
+        if self.start == "poor":
+            error = Error(self.poor_position_m, self.poor_speed_mps, self.poor_yaw_rad, self.poor_sigmas)
+            state, P = error.spoil(state, form.covariance(F), now.T_wc, UP)
+            F = form.start((P + P.T) / 2)
+        return Step.first(newest, now, state, F, form.covariance(F))
 
-        Raises
-            ValueError, LinAlgError: the covariance is no longer positive definite, or nothing is finite.
-        """
-        form = FORMS[self.form]
-        state, F = without_points(form, before.state, before.F, np.isin(before.state.track, seen.track))
-        A, G = np.eye(len(state)), np.zeros((len(state), MOTION))
-        A[:MOTION, :MOTION] = transition(state.twist, dt_s)
-        G[:MOTION], q = self._noise.inputs(state, _UP, dt_s)
-        state, F = state.moved(dt_s), form.predict(F, A, G, q)
-        c = correct(form, state, F, seen, self.gate_sigma)
-        state, F = without_points(form, c.state, c.F, ~c.gated)
-        k = np.flatnonzero(~np.isin(seen.track, state.track))
-        support = np.where(np.isin(seen.track[k], c.state.track), -1, 1)
-        state, F = with_points(form, state, F, seen, k, support)
-        P = form.covariance(F)
-        np.linalg.cholesky(P)
-        return Step(frame, state, F, P, c.nis, c.dof)
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """The filter after the measurements of one frame: F is the covariance P in the form's way."""
-
-    frame: int
-    state: State
-    F: Array
-    P: Array
-    nis: float
-    dof: int
-
-
-def observed_frames(observations: Observations) -> list[Seen]:
-    """What was observed in each frame."""
-    points, m = triangulated(observations, "linear"), len(observations.t_s)
-    T_wc = level_camera(m) if observations.T_wc is None else observations.T_wc
-    ends = np.searchsorted(points.frame, np.arange(m + 1))
-    R = np.linalg.inv(points.W_uv)
-    rows = [slice(a, b) for a, b in pairwise(ends)]
-    return [
-        Seen(points.rig, T_wc[k], points.track[r], points.uv[r], R[r], points.l[r], points.C[r])
-        for k, r in enumerate(rows)
-    ]
-
-
-def window(step: Step, before: int, T_wc: Pose, t_s: Array) -> WindowEstimate | Failure:
-    """The estimate of a step and the frame before."""
-    used = np.flatnonzero(step.state.support >= USED)
-    if len(used) < MIN_POINTS:
-        return Failure(step.frame, "fewer than three points have been seen twice")
-    frames = np.array([before, step.frame])
-    dt_s = float(t_s[step.frame] - t_s[before])
-    rejected = step.state.track[step.state.support <= REJECTED]
-    try:
-        return window_of_points(step.state, step.P, frames, T_wc[frames], dt_s, used, rejected, step.nis, step.dof)
-    except SingularSystem as error:
-        return Failure(step.frame, str(error))
+    def _window(self, step: Step, frames: list[Seen], t_s: Array) -> WindowEstimate | Failure:
+        """The estimate of a step and the frame before."""
+        pair = np.array([step.before, step.frame])
+        T_wc, dt_s = Pose.stack([frames[k].T_wc for k in pair]), float(t_s[step.frame] - t_s[step.before])
+        try:
+            if self.state == "centroid":
+                return window_of_centroid(step.state, step.P, pair, T_wc, dt_s, step.seen, step.nis, step.dof)
+            used = np.flatnonzero(step.state.support >= USED)
+            if len(used) < MIN_POINTS:
+                return Failure(step.frame, "fewer than three points have been seen twice")
+            rejected = step.state.track[step.state.support <= REJECTED]
+            return window_of_points(step.state, step.P, pair, T_wc, dt_s, used, rejected, step.nis, step.dof)
+        except SingularSystem as error:
+            return Failure(step.frame, str(error))
