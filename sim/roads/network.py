@@ -174,6 +174,20 @@ class RoadNetwork:
                     ends.append((start, end))
         return RoadNetwork(tuple(edges), np.reshape(nodes, (-1, 2)), np.reshape(ends, (-1, 2)).astype(int))
 
+    def joined(self) -> RoadNetwork:
+        """Edges that go on as the same road (all but the line equal) made one, where nothing else meets them."""
+        groups: dict[tuple[object, ...], list[Road]] = {}
+        for e in self.edges:
+            key = (e.road_class, e.lanes, e.oneway, e.width_m, e.name, e.parking_m)
+            groups.setdefault(key, []).append(e)
+        roads: list[Road] = []
+        for same in groups.values():
+            # The direction counts where traffic or the lanes of both directions differ.
+            directed = same[0].oneway or same[0].lanes % 2 == 1
+            merged = shapely.line_merge(shapely.MultiLineString([e.line_m for e in same]), directed=directed)
+            roads += [replace(same[0], line_m=shapely.get_coordinates(g)) for g in shapely.get_parts(merged)]
+        return RoadNetwork.of(roads)
+
     @property
     def length_m(self) -> float:
         return math.fsum(e.length_m for e in self.edges)

@@ -104,6 +104,22 @@ def test_samples_lie_on_the_line_at_equal_steps() -> None:
     assert not len(RoadNetwork.of([]).sample(1.0).xy_m)
 
 
+def test_pieces_of_one_road_are_joined_and_others_are_not() -> None:
+    def pieces(oneway: bool, *names: str) -> RoadNetwork:
+        xs = [(0, 0), (10, 1), (20, 0), (30, 2)]
+        lines = [xs[:2], xs[2:0:-1], xs[2:]]
+        roads = [road(*p, name=n, oneway=oneway) for p, n in zip(lines, names, strict=True)]
+        return RoadNetwork.of(roads).joined()
+
+    assert len(pieces(False, "a", "a", "a").edges) == 1
+    assert len(pieces(False, "a", "b", "a").edges) == 3
+    # The middle piece is driven the other way.
+    assert len(pieces(True, "a", "a", "a").edges) == 3
+    tee = RoadNetwork.of([road((0, 0), (10, 0), name="x"), road((10, 0), (20, 0), name="x"), road((10, 0), (10, 5))])
+    assert len(tee.joined().edges) == 3
+    assert tee.joined().length_m == pytest.approx(25)
+
+
 def test_wrong_roads_are_refused() -> None:
     with pytest.raises(ValueError, match="two points"):
         road((0, 0), (0, 0))
