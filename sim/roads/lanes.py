@@ -17,7 +17,7 @@ Array = np.ndarray
 # Beyond this angle [rad] between two roads at a node one is the other's continuation and nothing is left out.
 _STRAIGHT = np.deg2rad(150.0)
 # Roads at an acute angle stay together for long; no road is left out farther than this, nor over this part of it.
-_FARTHEST_M, _LARGEST_PART = 25.0, 0.45
+_FARTHEST_M, _LARGEST_PART = 60.0, 0.45
 
 
 @dataclass(frozen=True, eq=False)
