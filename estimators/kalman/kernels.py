@@ -4,8 +4,8 @@ Each block is decorrelated first (Dickmanns 2007, 6.4.5.1), so that every scalar
 used in turn, and the innovations of the following ones are corrected for what it changed, (6.35). Many measurements
 without a gate are first compressed to as many as there are states, by an orthogonal transformation.
 
-Work space: W (n + 1, b, k'), the blocks along its last axis, filled up to a multiple of eight; W[a] is what the
-measurements say of state a, W[n] their innovations. L (b, b, k') the Cholesky factors, their diagonal inverted.
+Work space: W (n + 1, b, k'), the blocks along its last axis, filled up with zeros to a multiple of eight; W[a] is what
+the measurements say of a state, the last their innovations. L (b, b, k') the Cholesky factors, their diagonal inverted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, no_type_check
 import numpy as np
 
 from estimators.kalman import scalars
-from estimators.kalman.scalars import Array, compiled
+from estimators.kalman.scalars import Array, compiled, dot, leading_zeros
 
 SEQUENTIAL, POTTER, CARLSON, UDU = range(4)
 
@@ -52,91 +52,85 @@ def _factored(R: Array, L: Array) -> int:
 
 @compiled
 @no_type_check
-def _whitened(H: Array, dz: Array, L: Array, W: Array, used: Array) -> None:
-    """W and used (m,) of the measurements H (m, n), dz (m,); zeros, and not used, where a block has a NaN."""
+def _whitened(H: Array, dz: Array, L: Array, W: Array, states: Array, used: Array) -> int:
+    """W and used (m,) of the measurements H (m, n), dz (m,); zeros, and not used, where a block has a NaN.
+
+    How many states are measured, with their indices at the start of ``states``; W has no others.
+    """
     m, n = H.shape
-    b = L.shape[0]
-    W[:, :, m // b :] = 0
-    for i in range(m // b):
+    b, k, width = len(L), m // len(L), W.shape[2]
+    W[:, :, k:] = 0
+    count = 0
+    for a in range(n):
+        if leading_zeros(H[:, a]) < m:
+            column = W[count]
+            for j in range(b):
+                for i in range(k):
+                    column[j, i] = H[i * b + j, a]
+            states[count] = a
+            count += 1
+    for i in range(k):
         seen = True
-        for j in range(i * b, i * b + b):
-            seen &= not np.isnan(dz[j])
+        for j in range(b):
+            W[count, j, i] = dz[i * b + j]
+            seen &= not np.isnan(dz[i * b + j])
         used[i * b : i * b + b] = seen
+        if not seen:
+            W[:, :, i] = 0
+    for a in range(count + 1):
         for j in range(b):
-            row = H[i * b + j]
-            for a in range(n):
-                W[a, j, i] = row[a] if seen else 0
-            W[n, j, i] = dz[i * b + j] if seen else 0
-    for a in range(n + 1):
-        for j in range(b):
-            row, inverse = W[a, j], L[j, j]
             for l in range(j):
-                before, share = W[a, l], L[j, l]
-                for i in range(len(row)):
-                    row[i] -= share[i] * before[i]
-            for i in range(len(row)):
-                row[i] *= inverse[i]
+                for i in range(width):
+                    W[a, j, i] -= L[j, l, i] * W[a, l, i]
+            for i in range(width):
+                W[a, j, i] *= L[j, j, i]
+    return count
 
 
 @compiled
 @no_type_check
-def _alike(W: Array) -> bool:
+def _alike(W: Array, n: int) -> bool:
     """Whether no measurement would drown in the rounding of another: lengths of rows within eps^-1/4."""
-    size = np.zeros(W.shape[1], W.dtype)
-    for a in range(len(W) - 1):
-        column = W[a]
-        for i in range(len(size)):
-            size[i] += column[i] * column[i]
-    most, least = size[0], size.dtype.type(np.inf)
-    for square in size:
-        most = max(most, square)
-        if square > 0:
-            least = min(least, square)
-    return most * np.sqrt(np.finfo(size.dtype).eps) <= least
+    square = np.zeros(W.shape[1], W.dtype)
+    for a in range(n):
+        for i in range(len(square)):
+            square[i] += W[a, i] * W[a, i]
+    most, least = square[0], square.dtype.type(np.inf)
+    for i in range(len(square)):
+        most = max(most, square[i])
+        least = min(least, square[i] if square[i] > 0 else least)
+    return most * np.sqrt(np.finfo(W.dtype).eps) <= least
 
 
 @compiled
 @no_type_check
-def _compressed(W: Array, C: Array) -> Any:
+def _compressed(W: Array, n: int, C: Array) -> Any:
     """Rows C (n, n + 1) that say the same as the measurements W (n + 1, m), and the sum of squares they leave.
 
     Gram-Schmidt in its modified order, as stable as Householder's transformation; nothing is squared.
     """
-    n = len(W) - 1
+    m = W.shape[1]
     C[:] = 0
     for a in range(n):
         unit = W[a]
-        square = unit[0] * unit[0]
-        for i in range(1, len(unit)):
-            square += unit[i] * unit[i]
-        if square == 0:
-            continue
-        length = np.sqrt(square)
-        C[a, a] = length
-        for b in range(a + 1, n + 1):
-            column = W[b]
-            share = unit[0] * column[0]
-            for i in range(1, len(unit)):
-                share += unit[i] * column[i]
-            C[a, b] = share / length
-            share /= square
-            for i in range(len(unit)):
-                column[i] -= share * unit[i]
-    rest = W[n]
-    square = rest[0] * rest[0]
-    for i in range(1, len(rest)):
-        square += rest[i] * rest[i]
-    return square
+        C[a, a] = np.sqrt(dot(unit, unit, m))
+        if C[a, a] > 0:
+            inverse = 1 / C[a, a]
+            for i in range(m):
+                unit[i] *= inverse
+            for b in range(a + 1, n + 1):
+                column = W[b]
+                share = dot(unit, column, m)
+                C[a, b] = share
+                for i in range(m):
+                    column[i] -= share * unit[i]
+    return dot(W[n], W[n], m)
 
 
 @compiled
 @no_type_check
-def _scalar(form: int, dx: Array, F: Array, c: Array, gate: Any, f: Array, k: Array) -> Any:
-    """One measurement, row c (n + 1,) with its innovation at the end: whether it was used, and its e²/q."""
-    n = len(dx)
-    e, c = c[n], c[:n]
-    for a in range(n):
-        e -= c[a] * dx[a]
+def _scalar(form: int, dx: Array, F: Array, c: Array, e: Any, gate: Any, f: Array, k: Array, d: Array) -> Any:
+    """One measurement: whether it was used, and its e²/q if so."""
     if form == SEQUENTIAL:
         q, used = scalars.sequential(F, c, e, gate, dx, f, k)
     elif form == POTTER:
@@ -144,8 +138,8 @@ def _scalar(form: int, dx: Array, F: Array, c: Array, gate: Any, f: Array, k: Ar
     elif form == CARLSON:
         q, used = scalars.carlson(F, c, e, gate, dx, f, k)
     else:
-        q, used = scalars.udu(F, c, e, gate, dx, f, k)
-    return used, e * e / q
+        q, used = scalars.udu(F, c, e, gate, dx, f, k, d)
+    return used, e * e / q if used else 0 * q
 
 
 @compiled
@@ -155,26 +149,29 @@ def _corrected(
 ) -> Any:
     """Corrects dx (n,), all zero, and F (n, n) of one run, and tells used (m,); the NIS of what was used."""
     n, m, b = len(dx), len(dz), len(L)
-    f, k = np.empty(n, F.dtype), np.empty(n, F.dtype)
-    _whitened(H, dz, L, W, used)
-    flat = W.reshape(n + 1, -1)
-    nis = F.dtype.type(0)
-    if gate == np.inf and m > 2 * n and _alike(flat):
-        nis = _compressed(flat, C)
+    f, k, d = np.empty(n, F.dtype), np.empty(n, F.dtype), np.empty(n, F.dtype)
+    if form == UDU:
         for a in range(n):
-            if C[a, a] > 0:
-                _, share = _scalar(form, dx, F, C[a], gate, f, k)
-                nis += share
-        return nis
-    c = C[0]
-    for i in range(m):
-        if used[i]:
-            for a in range(n + 1):
-                c[a] = W[a, i % b, i // b]
-            taken, share = _scalar(form, dx, F, c, gate, f, k)
-            used[i] = taken
-            if taken:
-                nis += share
+            d[a], F[a, a] = F[a, a], 1
+    states = np.empty(n, np.int64)
+    count = _whitened(H, dz, L, W, states, used)
+    flat, nis = W.reshape(n + 1, -1), F.dtype.type(0)
+    compressed = gate == np.inf and m > 2 * count and _alike(flat, count)
+    if compressed:
+        nis = _compressed(flat, count, C)
+    c = np.zeros(n, F.dtype)
+    for i in range(count if compressed else m):
+        if compressed or used[i]:
+            for a in range(count):
+                c[states[a]] = C[i, a] if compressed else W[a, i % b, i // b]
+            e = (C[i, count] if compressed else W[count, i % b, i // b]) - dot(dx, c, n)
+            taken, share = _scalar(form, dx, F, c, e, gate, f, k, d)
+            nis += share
+            if not compressed:
+                used[i] = taken
+    if form == UDU:
+        for a in range(n):
+            F[a, a] = d[a]
     return nis
 
 

@@ -2,7 +2,7 @@
 
 Row c (n,) of the Jacobian, innovation e already corrected for the measurements before, (6.35); f and k (n,) are work
 space. A function returns the innovation covariance q of (6.57) and whether the measurement was used, e² <= gate² q; if
-so the state x (n,) and F (n, n) are corrected.
+so the state's correction x (n,) and F (n, n) are changed.
 """
 
 from __future__ import annotations
@@ -13,7 +13,34 @@ import numba
 import numpy as np
 
 Array = np.ndarray
-compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+compiled = numba.njit(cache=True, error_model="numpy", fastmath={"contract"})
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc"})
+@no_type_check
+def dot(a: Array, b: Array, length: int) -> Any:
+    """The sum of a b, in any order."""
+    total = a.dtype.type(0)
+    for i in range(length):
+        total += a[i] * b[i]
+    return total
+
+
+@compiled
+@no_type_check
+def padded(b: int, n: int) -> int:
+    """How much of row b of a triangle to go through, the zeros behind it filling up a processor's register."""
+    return min(n, b // 4 * 4 + 4)
+
+
+@compiled
+@no_type_check
+def leading_zeros(c: Array) -> int:
+    """How many entries of a row are zero before the first that is not."""
+    a = 0
+    while a < len(c) and c[a] == 0:
+        a += 1
+    return a
 
 
 @compiled
@@ -26,13 +53,12 @@ def sequential(P: Array, c: Array, e: Any, gate: Any, x: Array, f: Array, k: Arr
         if c[a] != 0:
             for b in range(n):
                 f[b] += c[a] * P[a, b]
-    q = c.dtype.type(1)
-    for a in range(n):
-        q += c[a] * f[a]
+    q = dot(c, f, n) + c.dtype.type(1)
     if not e * e <= gate * gate * q:
         return q, False
+    inverse = 1 / q
     for a in range(n):
-        k[a] = f[a] / q
+        k[a] = f[a] * inverse
         x[a] += k[a] * e
     for a in range(n):
         for b in range(n):
@@ -50,22 +76,17 @@ def potter(S: Array, c: Array, e: Any, gate: Any, x: Array, f: Array, k: Array) 
         if c[a] != 0:
             for b in range(n):
                 f[b] += S[a, b] * c[a]
-    one = c.dtype.type(1)
-    q = one
-    for a in range(n):
-        q += f[a] * f[a]
+    q = dot(f, f, n) + c.dtype.type(1)
     if not e * e <= gate * gate * q:
         return q, False
-    share = q / (q + np.sqrt(q))
+    share = 1 / (q + np.sqrt(q))
+    step = e / q
     for a in range(n):
-        total = S[a, 0] * f[0]
-        for b in range(1, n):
-            total += S[a, b] * f[b]
-        k[a] = total / q
-        x[a] += k[a] * e
-        total = share * k[a]
+        k[a] = dot(f, S[a], n)
+        x[a] += k[a] * step
+        k[a] *= share
         for b in range(n):
-            S[a, b] -= total * f[b]
+            S[a, b] -= k[a] * f[b]
     return q, True
 
 
@@ -76,59 +97,57 @@ def carlson(S: Array, c: Array, e: Any, gate: Any, x: Array, f: Array, k: Array)
     n = len(c)
     one = c.dtype.type(1)
     q = one
-    for b in range(n):
-        total = S[b, 0] * c[0]
-        for a in range(1, b + 1):
-            total += S[b, a] * c[a]
-        f[b] = total
-        q += total * total
+    first = leading_zeros(c)
+    for b in range(first, n):
+        f[b] = dot(S[b], c, padded(b, n))
+        q += f[b] * f[b]
     if not e * e <= gate * gate * q:
         return q, False
     k[:] = 0
     before = one
-    for b in range(n):
+    for b in range(first, n):
         after = before + f[b] * f[b]
         keep, mix = np.sqrt(before / after), f[b] / np.sqrt(before * after)
-        for a in range(b + 1):
+        for a in range(padded(b, n)):
             old = S[b, a]
             S[b, a] = old * keep - k[a] * mix
             k[a] += old * f[b]
         before = after
+    step = e / q
     for a in range(n):
-        x[a] += k[a] / q * e
+        x[a] += k[a] * step
     return q, True
 
 
 @compiled
 @no_type_check
-def udu(F: Array, c: Array, e: Any, gate: Any, x: Array, f: Array, k: Array) -> Any:
-    """Factors of P = U D U', given as U' in F with D on its diagonal, (6.43)-(6.48).
+def udu(U: Array, c: Array, e: Any, gate: Any, x: Array, f: Array, k: Array, d: Array) -> Any:
+    """Factors of P = U D U', given as U' and d, (6.43)-(6.48).
 
     The factorisation of D - e e'/q is Bierman's recursion, column by column of U, without a subtraction of variances.
     """
     n = len(c)
     one = c.dtype.type(1)
     q = one
-    for b in range(n):
-        total = c[b]
-        for a in range(b):
-            total += F[b, a] * c[a]
-        f[b] = total
-        q += total * total * F[b, b]
+    first = leading_zeros(c)
+    for b in range(first, n):
+        f[b] = dot(U[b], c, padded(b, n))
+        q += f[b] * f[b] * d[b]
     if not e * e <= gate * gate * q:
         return q, False
+    k[:] = 0
     before = one
-    for b in range(n):
-        g = F[b, b] * f[b]
+    for b in range(first, n):
+        g = d[b] * f[b]
         after = before + f[b] * g
         mix = -f[b] / before
-        F[b, b] *= before / after
-        for a in range(b):
-            old = F[b, a]
-            F[b, a] = old + k[a] * mix
+        d[b] *= before / after
+        for a in range(padded(b, n)):
+            old = U[b, a]
+            U[b, a] = old + k[a] * mix
             k[a] += old * g
-        k[b] = g
         before = after
+    step = e / q
     for a in range(n):
-        x[a] += k[a] / q * e
+        x[a] += k[a] * step
     return q, True
