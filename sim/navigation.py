@@ -1,0 +1,161 @@
+"""What a GNSS/inertial system hands out, and the metadata of each image: all that an estimator knows of the flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+from jaxtyping import Float
+
+from sim.angles import body_angles, body_rotation
+from sim.archive import freeze_fields
+from sim.camera_systems import CameraSystem, Exposures
+from sim.geodesy import Georeference
+from sim.pose import Pose
+from sim.trajectory import Trajectory
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class NavigationSolution:
+    """A post-processed trajectory (SBET, Kozempel 2012, 3.3) of the IMU's reference point, with *stated* sigmas.
+
+    t_s (n,) the system's clock; geographic (n, 3) longitude [deg], latitude [deg], ellipsoidal height [m]; rph (n, 3)
+    roll, pitch, *true* heading [rad]; velocity_ned (n, 3) [m/s]; sigma_position (east, north, up) [m]; sigma_rph [rad];
+    sigma_velocity (north, east, down) [m/s].
+
+    Raises
+        ValueError: shapes that do not fit, values that are not finite, times that do not increase.
+    """
+
+    t_s: Float[Array, "n"]
+    geographic: Float[Array, "n 3"]
+    rph: Float[Array, "n 3"]
+    velocity_ned: Float[Array, "n 3"]
+    sigma_position: Float[Array, "3"]
+    sigma_rph: Float[Array, "3"]
+    sigma_velocity: Float[Array, "3"]
+
+    def __post_init__(self) -> None:
+        freeze_fields(self)
+        for name in ("geographic", "rph", "velocity_ned"):
+            value = getattr(self, name)
+            if value.shape != (len(self.t_s), 3):
+                raise ValueError(f"NavigationSolution.{name}: expected ({len(self.t_s)}, 3), got {value.shape}")
+            if not np.isfinite(value).all():
+                row = int(np.argwhere(~np.isfinite(value))[0, 0])
+                raise ValueError(f"NavigationSolution.{name}: not finite in record {row} (t = {self.t_s[row]:.3f} s)")
+        if not np.all(np.diff(self.t_s) > 0):
+            raise ValueError("NavigationSolution.t_s: expected strictly increasing times")
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def trajectory(self, reference: Georeference) -> Trajectory:
+        """T_wb of the body in the world frame, at any time between the records."""
+        p_w = reference.from_crs(self.geographic)
+        return Trajectory(self.t_s, Pose(body_rotation(self.rph, reference.convergence(p_w)), p_w))
+
+
+@dataclass(frozen=True)
+class ImageRecord:
+    """What an image file says of itself, as the source's cameras write it into the JPEG: plain values for any writer.
+
+    t_s is the navigation system's stamp, time_utc the same as a date; position, roll, pitch and true heading are the
+    navigation solution's for the IMU at the stamp. `dataclasses.asdict` is its JSON, `exif` its EXIF tags.
+    """
+
+    file: str
+    system: str
+    head: str
+    line: int
+    burst: int
+    t_s: float
+    time_utc: str
+    width_px: int
+    height_px: int
+    focal_px: float
+    exposure_s: float
+    longitude_deg: float
+    latitude_deg: float
+    height_m: float
+    roll_deg: float
+    pitch_deg: float
+    heading_deg: float
+
+    def exif(self) -> dict[str, str | int | float | tuple[float, float, float]]:
+        """EXIF 2.3 tags by name; the attitude, for which EXIF has none, in the comment."""
+        time = datetime.fromisoformat(self.time_utc)
+        return {
+            "Make": self.system,
+            "Model": self.head,
+            "ImageWidth": self.width_px,
+            "ImageLength": self.height_px,
+            "DateTimeOriginal": time.strftime("%Y:%m:%d %H:%M:%S"),
+            "SubSecTimeOriginal": time.strftime("%f"),
+            "ExposureTime": self.exposure_s,
+            "GPSLatitudeRef": "N" if self.latitude_deg >= 0 else "S",
+            "GPSLatitude": _sexagesimal(self.latitude_deg),
+            "GPSLongitudeRef": "E" if self.longitude_deg >= 0 else "W",
+            "GPSLongitude": _sexagesimal(self.longitude_deg),
+            "GPSAltitudeRef": 0 if self.height_m >= 0 else 1,
+            "GPSAltitude": abs(self.height_m),
+            "GPSMapDatum": "WGS-84",
+            "UserComment": f"roll {self.roll_deg:.6f} pitch {self.pitch_deg:.6f} heading {self.heading_deg:.6f} true",
+        }
+
+
+def image_records(
+    system: CameraSystem,
+    exposed: Exposures,
+    stamps_s: Float[Array, "n"],
+    solution: NavigationSolution,
+    reference: Georeference,
+    *,
+    start: datetime = datetime(2010, 6, 1, 10, 0, tzinfo=UTC),
+    exposure_s: float = 1 / 1000,
+) -> tuple[ImageRecord, ...]:
+    """One record per exposure, from the navigation solution at its stamp; ``start`` is the date of time 0.
+
+    Raises
+        ValueError: a stamp outside the solution's time.
+    """
+    T_wb = solution.trajectory(reference).pose(stamps_s)
+    geographic = reference.to_crs(T_wb.t)
+    rph_deg = np.rad2deg(body_angles(T_wb.R, reference.convergence(T_wb.t)))
+    records = []
+    for i, stamp in enumerate(stamps_s.tolist()):
+        head = system.heads[exposed.head[i]]
+        lon, lat, height = geographic[i].tolist()
+        roll, pitch, heading = rph_deg[i].tolist()
+        records.append(
+            ImageRecord(
+                file=f"{head.name}-{i:05d}",
+                system=system.name,
+                head=head.name,
+                line=int(exposed.line[i]),
+                burst=int(exposed.burst[i]),
+                t_s=stamp,
+                time_utc=(start + timedelta(seconds=stamp)).isoformat(timespec="microseconds"),
+                width_px=head.camera.size_px[0],
+                height_px=head.camera.size_px[1],
+                focal_px=float(head.camera.K[1, 1]),
+                exposure_s=exposure_s,
+                longitude_deg=lon,
+                latitude_deg=lat,
+                height_m=height,
+                roll_deg=roll,
+                pitch_deg=pitch,
+                heading_deg=heading % 360,
+            )
+        )
+    return tuple(records)
+
+
+def _sexagesimal(angle_deg: float) -> tuple[float, float, float]:
+    """Degrees, minutes and seconds of the magnitude."""
+    minutes, seconds = divmod(abs(angle_deg) * 3600, 60)
+    degrees, minutes = divmod(minutes, 60)
+    return degrees, minutes, seconds
