@@ -16,6 +16,7 @@ Array = np.ndarray
 
 # Beyond this angle [rad] between two roads at a node one is the other's continuation and nothing is left out.
 _STRAIGHT = np.deg2rad(150.0)
+_ACUTE = np.deg2rad(30.0)
 # Roads at an acute angle stay together for long; no road is left out farther than this, nor over this part of it.
 _FARTHEST_M, _LARGEST_PART = 60.0, 0.45
 
@@ -94,7 +95,8 @@ def lanes(network: RoadNetwork) -> tuple[Lane, ...]:
 def setbacks(network: RoadNetwork) -> Float[Array, "k 2"]:
     """Length [m] at the start and end of every edge that lies within other roads' pavement at a junction.
 
-    Two straight roads of half widths a, b at the angle θ overlap over (b + a cos θ) / sin θ of the first.
+    Two straight roads of half widths a, b at the angle θ overlap over (b + a cos θ) / sin θ of the first. A road that
+    one of a lower class leaves or joins at an acute angle, as a ramp does, goes on undisturbed.
     """
     out = np.zeros((len(network.edges), 2))
     at_node: dict[int, list[tuple[int, int]]] = {}
@@ -109,7 +111,8 @@ def setbacks(network: RoadNetwork) -> Float[Array, "k 2"]:
             a = network.edges[edge].width_m / 2
             for j, (other, _) in enumerate(arms):
                 angle = abs((bearing[i] - bearing[j] + np.pi) % (2 * np.pi) - np.pi)
-                if i != j and 1e-3 < angle < _STRAIGHT:
+                ramp = angle < _ACUTE and network.edges[other].road_class > network.edges[edge].road_class
+                if i != j and 1e-3 < angle < _STRAIGHT and not ramp:
                     b = network.edges[other].width_m / 2
                     out[edge, side] = max(out[edge, side], (b + a * np.cos(angle)) / np.sin(angle))
             out[edge, side] = min(out[edge, side], _FARTHEST_M, _LARGEST_PART * network.edges[edge].length_m)

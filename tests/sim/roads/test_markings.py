@@ -133,4 +133,10 @@ def test_setbacks_are_those_of_overlapping_strips() -> None:
 def test_ramps_merge_into_motorways_without_stopping() -> None:
     carriageway = Road.standard(np.array([[-300.0, 0], [0, 0], [300, 0]]), 0, 3, True)
     ramp = Road.standard(np.array([[-200.0, -40], [-100, -12], [0, 0]]), 3, 1, True)
-    assert not of_kind(markings(RoadNetwork.of([carriageway, ramp])), "stop")
+    net = RoadNetwork.of([carriageway, ramp])
+    marks = markings(net)
+    assert not of_kind(marks, "stop")
+    free = setbacks(net)
+    np.testing.assert_array_equal(free[:2], 0)
+    # atan(12 / 100) at half widths of 7.25 and 2 m would be 77 m.
+    assert free[2].tolist() == [0, 60]
