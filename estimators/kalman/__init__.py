@@ -9,6 +9,8 @@ knows how to predict and to correct it; all forms do the same in exact arithmeti
     c = form.correct(x, F, H, z - h(x), R, gate=4.0)
     x, F = c.x, c.F
 
+`estimators.kalman.extended` has the whole recursion loop for a motion and a measurement that are not linear.
+
 Leading axes run over independent filters; n states, m measurements. Everything stays in the precision of its input.
 """
 

@@ -54,8 +54,8 @@ def _selected(P: Array, H: Array, dz: Array, R: Array, gate: float) -> tuple[Arr
     PH = P @ _transposed(H)
     q = np.sum(_transposed(PH) * H, axis=-1) + P.dtype.type(1)
     with np.errstate(invalid="ignore"):
-        used = dz**2 <= np.asarray(gate, P.dtype) ** 2 * q
-    return PH * used[..., None, :], used, H * used[..., None], np.where(used, dz, 0)
+        used = np.isfinite(dz) & (dz**2 <= np.asarray(gate, P.dtype) ** 2 * q)
+    return np.where(used[..., None, :], PH, 0), used, np.where(used[..., None], H, 0), np.where(used, dz, 0)
 
 
 def _gain(PH: Array, H: Array, dz: Array) -> tuple[Array, Array]:

@@ -23,8 +23,9 @@ class Form:
     predict(F, A, G, q): F of A P A' + G diag(q) G', A (..., n, n), the noise of variances q (..., s) entering by G.
     correct(x, F, H, dz, R, gate): a `Correction` by measurements with Jacobian H (..., m, n), innovation dz = z - h(x)
         (..., m) and covariance R (..., k, b, b), blocks of b neighbours that are correlated, m = k b. A block is left
-        out where dz is NaN, a decorrelated measurement where it is beyond its gate, dz² > gate² q; raises ValueError
-        where a block of R is not positive definite.
+        out where dz is not finite, a decorrelated measurement where it is beyond its gate, dz² > gate² q with q its
+        innovation covariance (6.57), in forms by scalars after those before it; raises ValueError where a block of R is
+        not positive definite.
     covariance(F): P.
     """
 

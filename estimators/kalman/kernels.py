@@ -53,7 +53,7 @@ def _factored(R: Array, L: Array) -> int:
 @compiled
 @no_type_check
 def _whitened(H: Array, dz: Array, L: Array, W: Array, states: Array, used: Array) -> int:
-    """W and used (m,) of the measurements H (m, n), dz (m,); zeros, and not used, where a block has a NaN.
+    """W and used (m,) of the measurements H (m, n), dz (m,); zeros, and not used, where a block is not finite.
 
     How many states are measured, with their indices at the start of ``states``; W has no others.
     """
@@ -73,7 +73,7 @@ def _whitened(H: Array, dz: Array, L: Array, W: Array, states: Array, used: Arra
         seen = True
         for j in range(b):
             W[count, j, i] = dz[i * b + j]
-            seen &= not np.isnan(dz[i * b + j])
+            seen &= np.isfinite(dz[i * b + j])
         used[i * b : i * b + b] = seen
         if not seen:
             W[:, :, i] = 0

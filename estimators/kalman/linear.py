@@ -14,8 +14,8 @@ Array = np.ndarray
 class Correction:
     """State x (..., n) and covariance F (..., n, n), in the form's way, after the measurements of one time.
 
-    used (..., m): False where a measurement was gated or NaN. nis (...): normalised innovation squared of those used,
-    chi-square with as many degrees of freedom.
+    used (..., m): False where a measurement was gated or not finite. nis (...): normalised innovation squared of those
+    used, chi-square with as many degrees of freedom.
     """
 
     x: Float[Array, "... n"]
@@ -66,7 +66,8 @@ def decorrelated(
 ) -> tuple[Float[Array, "... m n"], Float[Array, "... m"]]:
     """Correlated measurements as independent ones of unit variance (6.4.5.1): L^-1 H, L^-1 dz with R = L L'.
 
-    A block with a NaN becomes NaN in dz. Raises ValueError where a block of R is not positive definite.
+    A block with what is not finite is not finite in dz either. Raises ValueError where a block of R is not positive
+    definite.
     """
     check_blocks(dz.shape[-1], R)
     k, b = R.shape[-3:-1]

@@ -148,6 +148,57 @@ def test_roots_stay_positive_definite_in_single_precision_where_plain_does_not(n
     assert not least("plain") > 0
 
 
+@pytest.mark.parametrize("name", ROOTS)
+def test_a_weak_measurement_does_not_drown_in_strong_ones(name: FormName) -> None:
+    """One direction measured 1e6 times better than the other: in single precision the other keeps its variance.
+
+    Rounding of the strong rows leaves 4e-4 of error; all rows compressed by one orthogonal transformation, 2.5e-3.
+    """
+    kind, form, rng = np.float32, FORMS[name], np.random.default_rng(0)
+    rows = np.repeat(np.array([[1, 0.7], [0.7, -1]]), 5, axis=0)
+    H = (rows * rng.uniform(0.5, 1.5, (10, 1))).astype(kind)
+    sigma = np.repeat(np.array([1e-6, 1], kind), 5)
+    c = form.correct(np.zeros(2, kind), form.start(np.eye(2, dtype=kind) * 100), H, 0 * sigma, variances(sigma**2))
+    P = form.covariance(c.F.astype(float))
+    weak = np.array([0.7, -1]) / np.hypot(0.7, 1)
+    expected = 1 / (0.01 + np.sum((H[5:].astype(float) @ weak) ** 2))
+    assert abs(weak @ P @ weak / expected - 1) < 1e-3
+    assert np.linalg.eigvalsh(P)[0] > 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_many_measurements_are_compressed_without_loss(name: FormName) -> None:
+    """As with a gate so wide that it lets all pass, which uses one scalar after the other, and as without what is NaN.
+
+    Two of the states are not measured at all.
+    """
+    form, p = FORMS[name], Problem(6, (3,), m=60)
+    H, F = p.H * np.array([1, 0, 1, 1, 0, 1]), form.start(p.P)
+    dz = p.z.copy()
+    dz[:, 7] = np.nan
+    whole, one_by_one = (form.correct(p.x, F, H, dz, p.R, gate) for gate in (np.inf, 1e6))
+    without = form.correct(p.x, F, np.delete(H, [6, 7], 1), np.delete(p.z, [6, 7], 1), np.delete(p.R, 3, 0))
+    assert (~whole.used).nonzero()[1].tolist() == [6, 7] * 3
+    assert np.array_equal(whole.used, one_by_one.used)
+    for other in (one_by_one, without):
+        assert np.abs(whole.x - other.x).max() < 1e-11
+        assert np.abs(form.covariance(whole.F) - form.covariance(other.F)).max() < 1e-11
+        assert np.abs(whole.nis / other.nis - 1).max() < 1e-11
+
+
+@pytest.mark.parametrize("name", ["sequential", "potter", "carlson", "udu"])
+def test_runs_may_share_what_is_the_same(name: FormName) -> None:
+    form, p = FORMS[name], Problem(8, m=20)
+    x, z = p.x + np.arange(6)[:, None].reshape(2, 3, 1), np.tile(p.z, (2, 3, 1))
+    shared = form.correct(x, form.start(p.P), p.H, z, p.R)
+    F = np.broadcast_to(form.start(p.P), (2, 3, 6, 6))
+    own = form.correct(x, F, np.broadcast_to(p.H, (2, 3, 20, 6)), z, np.broadcast_to(p.R, (2, 3, 10, 2, 2)))
+    assert np.array_equal(shared.x, own.x)
+    assert np.array_equal(shared.F, own.F)
+    assert shared.used.shape == (2, 3, 20)
+    assert shared.nis.shape == (2, 3)
+
+
 def test_the_smoother_agrees_with_filterpy() -> None:
     p, form, steps = Problem(5, n=4, m=2, s=4), FORMS["joseph"], 7
     rng = np.random.default_rng(1)
