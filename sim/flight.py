@@ -24,7 +24,8 @@ from sim.streams import stream
 from sim.trajectory import Trajectory
 
 Array = np.ndarray
-SAMPLE_HZ = 50.0
+# Enough for gusts of 1 Hz and for a roll's 4 s; between the samples the spline is the truth.
+SAMPLE_HZ = 20.0
 # An aircraft needs this long to roll into a turn or to begin a climb.
 _ROLL_TIME_S = 4.0
 # Recording goes on so long before the first and behind the last line.
@@ -102,12 +103,12 @@ def _positions(lines: Sequence[FlightLine], bank: float) -> tuple[Array, Array, 
     """Times (n,) and positions (n, 3) of the whole flight, and the lines' begin and end (k, 2).
 
     The ideal way has jumps of curvature. Averaged over the time a roll takes it has none, and remains what it was along
-    the lines, whose run-in and run-out are as long as half the average.
+    the lines, whose run-in and run-out are as long as half the average and a little for the spline.
     """
     box = round(_ROLL_TIME_S * SAMPLE_HZ / 3) | 1
     kernel = np.convolve(np.convolve(np.ones(box), np.ones(box)), np.ones(box)) / box**3
     reach = len(kernel) // 2
-    lead = (reach + 1) / SAMPLE_HZ
+    lead = reach / SAMPLE_HZ + 0.5
     first, last = 2 * lead + _MARGIN_S, len(lines) - 1
     flown = [along(l, lead if i else first, lead if i < last else first) for i, l in enumerate(lines)]
     pieces = [flown[0]]

@@ -12,8 +12,7 @@ from sim.angles import body_angles, body_rotation
 from sim.archive import freeze_fields
 from sim.camera_systems import CameraSystem, Exposures
 from sim.geodesy import Georeference
-from sim.pose import Pose
-from sim.trajectory import Trajectory
+from sim.pose import Pose, interpolate
 
 Array = np.ndarray
 
@@ -53,10 +52,24 @@ class NavigationSolution:
     def __len__(self) -> int:
         return len(self.t_s)
 
-    def trajectory(self, reference: Georeference) -> Trajectory:
-        """T_wb of the body in the world frame, at any time between the records."""
-        p_w = reference.from_crs(self.geographic)
-        return Trajectory(self.t_s, Pose(body_rotation(self.rph, reference.convergence(p_w)), p_w))
+    def pose(self, t_s: Float[Array, "*b"], reference: Georeference) -> Pose:
+        """T_wb of the body in the world frame at times of this clock, linear between the two records about each.
+
+        Raises
+            ValueError: a time before the first or after the last record.
+        """
+        t = np.asarray(t_s, float)
+        if t.size and not (self.t_s[0] <= t.min() and t.max() <= self.t_s[-1]):
+            raise ValueError(
+                f"NavigationSolution: {t.min():.3f}..{t.max():.3f} s is outside {self.t_s[0]:.3f}..{self.t_s[-1]:.3f} s"
+            )
+        before = np.clip(np.searchsorted(self.t_s, t, side="right") - 1, 0, len(self.t_s) - 2)
+        fraction = (t - self.t_s[before]) / (self.t_s[before + 1] - self.t_s[before])
+        return interpolate(self._record(before, reference), self._record(before + 1, reference), fraction)
+
+    def _record(self, index: Array, reference: Georeference) -> Pose:
+        p_w = reference.from_crs(self.geographic[index])
+        return Pose(body_rotation(self.rph[index], reference.convergence(p_w)), p_w)
 
 
 @dataclass(frozen=True)
@@ -64,7 +77,7 @@ class ImageRecord:
     """What an image file says of itself, as the source's cameras write it into the JPEG: plain values for any writer.
 
     t_s is the navigation system's stamp, time_utc the same as a date; position, roll, pitch and true heading are the
-    navigation solution's for the IMU at the stamp. `dataclasses.asdict` is its JSON, `exif` its EXIF tags.
+    navigation solution's for the IMU at the stamp. `dataclasses.asdict` is its JSON, `sim.exif` its EXIF.
     """
 
     file: str
@@ -85,27 +98,6 @@ class ImageRecord:
     pitch_deg: float
     heading_deg: float
 
-    def exif(self) -> dict[str, str | int | float | tuple[float, float, float]]:
-        """EXIF 2.3 tags by name; the attitude, for which EXIF has none, in the comment."""
-        time = datetime.fromisoformat(self.time_utc)
-        return {
-            "Make": self.system,
-            "Model": self.head,
-            "ImageWidth": self.width_px,
-            "ImageLength": self.height_px,
-            "DateTimeOriginal": time.strftime("%Y:%m:%d %H:%M:%S"),
-            "SubSecTimeOriginal": time.strftime("%f"),
-            "ExposureTime": self.exposure_s,
-            "GPSLatitudeRef": "N" if self.latitude_deg >= 0 else "S",
-            "GPSLatitude": _sexagesimal(self.latitude_deg),
-            "GPSLongitudeRef": "E" if self.longitude_deg >= 0 else "W",
-            "GPSLongitude": _sexagesimal(self.longitude_deg),
-            "GPSAltitudeRef": 0 if self.height_m >= 0 else 1,
-            "GPSAltitude": abs(self.height_m),
-            "GPSMapDatum": "WGS-84",
-            "UserComment": f"roll {self.roll_deg:.6f} pitch {self.pitch_deg:.6f} heading {self.heading_deg:.6f} true",
-        }
-
 
 def image_records(
     system: CameraSystem,
@@ -122,7 +114,7 @@ def image_records(
     Raises
         ValueError: a stamp outside the solution's time.
     """
-    T_wb = solution.trajectory(reference).pose(stamps_s)
+    T_wb = solution.pose(stamps_s, reference)
     geographic = reference.to_crs(T_wb.t)
     rph_deg = np.rad2deg(body_angles(T_wb.R, reference.convergence(T_wb.t)))
     records = []
@@ -152,10 +144,3 @@ def image_records(
             )
         )
     return tuple(records)
-
-
-def _sexagesimal(angle_deg: float) -> tuple[float, float, float]:
-    """Degrees, minutes and seconds of the magnitude."""
-    minutes, seconds = divmod(abs(angle_deg) * 3600, 60)
-    degrees, minutes = divmod(minutes, 60)
-    return degrees, minutes, seconds

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 
 from sim.angles import Mounting, body_angles
-from sim.flight import STILL, Flight, Gusts, Shaking, Vibration, fly, true_camera_pose
+from sim.flight import SAMPLE_HZ, STILL, Flight, Gusts, Shaking, Vibration, fly, true_camera_pose
 from sim.flight_path import GRAVITY, FlightLine, approaches, block, shortest_turn, trace, turn_radius
 from sim.pose import log_so3
 
@@ -54,7 +54,7 @@ def test_lines_are_flown_exactly_from_end_to_end() -> None:
         np.testing.assert_allclose(found.t, np.column_stack([ideal, np.full(9, line.height_m)]), atol=1e-7)
         np.testing.assert_allclose(np.linalg.norm(flight.trajectory.velocity(t), axis=-1), line.speed_mps, atol=1e-7)
         rph = body_angles(found.R, 0.0)
-        np.testing.assert_allclose(rph[:, :2], 0, atol=1e-6)  # level; the spline's second derivative near the ends
+        np.testing.assert_allclose(rph[:, :2], 0, atol=1e-6)
         np.testing.assert_allclose(np.exp(1j * rph[:, 2]), np.exp(1j * (np.pi / 2 - line.direction)), atol=1e-9)
     assert flight.line_s[0, 0] == 0
     assert np.all(flight.line_s[1:, 0] > flight.line_s[:-1, 1])
@@ -85,7 +85,7 @@ def test_turns_are_banked_as_stated_and_smooth() -> None:
     assert np.abs(np.sum(right * force, axis=-1)).max() < 1e-6 * GRAVITY
     assert np.abs(rph[:, 0]).max() == pytest.approx(bank, abs=1e-3)  # averaging over 4 s shrinks the circle by 1e-4
     assert turn_radius(70.0, bank) == pytest.approx(70**2 / GRAVITY / np.tan(bank))
-    assert np.abs(np.diff(rph[:, 0])).max() * 50 < np.deg2rad(25)  # rolls into 25 degrees in some seconds
+    assert np.abs(np.diff(rph[:, 0])).max() * SAMPLE_HZ < np.deg2rad(25)  # rolls into 25 degrees in some seconds
 
 
 def test_wind_turns_the_nose_and_not_the_course() -> None:
