@@ -108,3 +108,70 @@ def _clicks(c: Conditions, rng: np.random.Generator, camera: Camera, T_wc: Pose,
     image = np.repeat(np.arange(len(T_wc)), [len(points) for points in chosen])
     index = (image, np.concatenate(chosen))
     return ImagePoints(*index, uv[index] + rng.normal(0, noise * c.sigma_px, (len(image), 2)), c.sigma_px)
+
+
+# The source gives the camera alone: 36 mm x 24 mm on 4992 x 3328 pixels, 50 mm (Kozempel 2012, 2.2).
+ARGOS = Camera.simple((4992, 3328), 6933.0)
+
+
+@dataclass(frozen=True)
+class TieConditions:
+    """Overlapping exposures at 1400 m: each (heading [deg], metres ahead along its heading from the middle).
+
+    ``points`` ground points that all images see; a share ``outliers`` of them is matched wrongly in one image, by up to
+    outlier_px. Navigation as of a good post-processed system (Table 3.1 is ANTAR's). The nominal boresight is
+    ``start_off_deg`` off in every angle.
+    """
+
+    exposures: tuple[tuple[float, float], ...] = ((0.0, -220.0), (0.0, 220.0), (180.0, 0.0))
+    height_m: float = 1400.0
+    points: int = 200
+    outliers: float = 0.1
+    outlier_px: float = 100.0
+    sigma_px: float = 0.3
+    sigma_rph_deg: tuple[float, float, float] = (0.004, 0.004, 0.010)
+    sigma_gnss_m: float = 0.1
+    relief_m: float = 40.0
+    start_off_deg: float = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class TieFlight:
+    """What an estimator gets (points, navigation, nominal) and what it should find (truth, X_w; wrong tie points)."""
+
+    points: ImagePoints
+    navigation: Navigation
+    nominal: Mounting
+    truth: Common
+    X_w: Array
+    wrong: Array
+
+
+def fly_ties(conditions: TieConditions, rng: np.random.Generator, camera: Camera = ARGOS) -> TieFlight:
+    """One run of overlapping exposures with tie points in all of them."""
+    c, m = conditions, len(conditions.exposures)
+    heading, ahead = np.array(c.exposures).T
+    rph = np.column_stack([*np.deg2rad(rng.normal(0, 1.5, (2, m))), np.deg2rad(heading + rng.normal(0, 2))])
+    direction = np.column_stack([np.sin(rph[:, 2]), np.cos(rph[:, 2]), np.zeros(m)])
+    position = ahead[:, None] * direction + [0, 0, c.height_m] + rng.normal(0, 10, (m, 3))
+    T_wb = Pose(body_rotation(rph, 0.0), position)
+    T_cw = (T_wb @ MOUNTING.T_bc).inv()
+    X = np.column_stack([rng.uniform(-700, 700, (20000, 2)), rng.uniform(0, c.relief_m, 20000)])
+    uv = camera.project(np.einsum("mij,nj->mni", T_cw.R, X) + T_cw.t[:, None])
+    seen = np.flatnonzero(camera.contains(uv, 10.0).all(axis=0))[: c.points]
+    X, uv = X[seen], uv[:, seen] + rng.normal(0, c.sigma_px, (m, len(seen), 2))
+    wrong = rng.permutation(len(seen))[: int(c.outliers * len(seen))]
+    uv[rng.integers(0, m, len(wrong)), wrong] += rng.uniform(-c.outlier_px, c.outlier_px, (len(wrong), 2))
+    image, point = (a.ravel() for a in np.indices((m, len(seen))))
+    sigma_rph = np.deg2rad(c.sigma_rph_deg)
+    T_nav = Pose(
+        T_wb.R @ exp_so3(rng.normal(0, 1, (m, 3)) * sigma_rph), position + rng.normal(0, c.sigma_gnss_m, (m, 3))
+    )
+    navigation = Navigation(
+        10.0 * np.arange(m), T_nav, 80 * direction, np.zeros((m, 3)), sigma_rph, np.full(3, c.sigma_gnss_m)
+    )
+    off = np.deg2rad(c.start_off_deg) * rng.choice([-1.0, 1.0], 3)
+    nominal = Mounting(MOUNTING.boresight + off, MOUNTING.lever_b)
+    return TieFlight(
+        ImagePoints(image, point, uv.reshape(-1, 2), c.sigma_px), navigation, nominal, Common(MOUNTING), X, wrong
+    )

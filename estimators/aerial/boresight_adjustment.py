@@ -119,6 +119,8 @@ def adjust(block: Block, start: Values) -> Adjusted | EstimationFailed:
                 return _finished(block, values, cov, residuals - block.points.uv, iteration)
     except SingularSystem as failure:
         return EstimationFailed(str(failure), ("More images, headings or heights separate the unknowns.",))
+    except np.linalg.LinAlgError:
+        return EstimationFailed("the rays of a point are nearly parallel", ("Exposures further apart.",))
     except _Lost:
         return EstimationFailed("points fall behind a camera", ("Give a better start.",))
     return EstimationFailed(f"no convergence in {_ITERATIONS} iterations", ("Give a better start.",))
