@@ -133,18 +133,27 @@ def navigation_solution(
     errors: NavigationErrors,
     seed: int,
     run: int,
+    *,
     rate_hz: float = 200.0,
+    within_s: Float[Array, "k 2"] | None = None,
 ) -> tuple[NavigationSolution, NavigationTruth]:
-    """The solution of a whole flight at a fixed rate, and its errors."""
+    """The solution of a flight at a fixed rate, and its errors.
+
+    ``within_s`` keeps the records from a second before each begin to a second behind each end, as for flight lines;
+    their errors are those of the whole flight.
+    """
     t = trajectory.t_s[0] + np.arange(int((trajectory.t_s[-1] - trajectory.t_s[0]) * rate_hz + 1e-6) + 1) / rate_hz
-    T_wb = trajectory.pose(t)
     attitude = errors.attitude.draw("attitude", len(t), 1 / rate_hz, seed, run)
     position = errors.position.draw("position", len(t), 1 / rate_hz, seed, run)
+    noise = stream(seed, run, "imu/velocity/white").standard_normal((len(t), 3))
+    if within_s is not None:
+        kept = np.any([(t >= begin - 1) & (t <= end + 1) for begin, end in within_s], axis=0)
+        t, attitude, position, noise = t[kept], attitude[kept], position[kept], noise[kept]
+    T_wb = trajectory.pose(t)
     position = position + T_wb.R @ np.array(errors.antenna_lever_b)
     convergence = reference.convergence(T_wb.t)
     R_nw = np.swapaxes(rotation_map_from_navigation(convergence), -1, -2)
     velocity = (R_nw @ trajectory.velocity(t)[..., None])[..., 0]
-    noise = stream(seed, run, "imu/velocity/white").standard_normal(velocity.shape)
     solution = NavigationSolution(
         t,
         reference.to_crs(T_wb.t + position),

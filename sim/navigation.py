@@ -15,6 +15,8 @@ from sim.geodesy import Georeference
 from sim.pose import Pose, interpolate
 
 Array = np.ndarray
+# Beyond it an aircraft's turning is no longer linear between two records.
+_LONGEST_STEP_S = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +58,7 @@ class NavigationSolution:
         """T_wb of the body in the world frame at times of this clock, linear between the two records about each.
 
         Raises
-            ValueError: a time before the first or after the last record.
+            ValueError: a time before the first or after the last record, or in a gap between records.
         """
         t = np.asarray(t_s, float)
         if t.size and not (self.t_s[0] <= t.min() and t.max() <= self.t_s[-1]):
@@ -64,7 +66,11 @@ class NavigationSolution:
                 f"NavigationSolution: {t.min():.3f}..{t.max():.3f} s is outside {self.t_s[0]:.3f}..{self.t_s[-1]:.3f} s"
             )
         before = np.clip(np.searchsorted(self.t_s, t, side="right") - 1, 0, len(self.t_s) - 2)
-        fraction = (t - self.t_s[before]) / (self.t_s[before + 1] - self.t_s[before])
+        step = self.t_s[before + 1] - self.t_s[before]
+        if np.any(step > _LONGEST_STEP_S):
+            where = t[step > _LONGEST_STEP_S][0]
+            raise ValueError(f"NavigationSolution: {where:.3f} s lies in a gap of {step.max():.3f} s between records")
+        fraction = (t - self.t_s[before]) / step
         return interpolate(self._record(before, reference), self._record(before + 1, reference), fraction)
 
     def _record(self, index: Array, reference: Georeference) -> Pose:

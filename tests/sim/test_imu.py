@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from sim.camera_systems import antar, argos, exposures
 from sim.flight import STILL, Flight, Gusts, Shaking, Vibration, fly, true_camera_pose
-from sim.flight_path import FlightLine
+from sim.flight_path import FlightLine, approaches
 from sim.geodesy import Georeference
 from sim.imu import ChannelErrors, NavigationErrors, gauss_markov, navigation_solution, pos_av_410, stamps
 from sim.navigation import NavigationSolution, image_records
@@ -105,17 +105,37 @@ def test_pos_av_410_keeps_the_table() -> None:
 
 def test_errors_enter_the_solution_as_they_are_kept_in_the_truth(flight: Flight) -> None:
     errors = replace(pos_av_410(0.3), antenna_lever_b=(0.5, 0.0, 0.0))
-    exact, _ = navigation_solution(flight.trajectory, MUNICH, NavigationErrors(), 1, 0, 50.0)
-    solution, truth = navigation_solution(flight.trajectory, MUNICH, errors, 1, 0, 50.0)
+    exact, _ = navigation_solution(flight.trajectory, MUNICH, NavigationErrors(), 1, 0, rate_hz=50.0)
+    solution, truth = navigation_solution(flight.trajectory, MUNICH, errors, 1, 0, rate_hz=50.0)
     np.testing.assert_allclose(solution.rph - exact.rph, truth.attitude, atol=1e-12)
     moved = MUNICH.from_crs(solution.geographic) - MUNICH.from_crs(exact.geographic)
     np.testing.assert_allclose(moved, truth.position, atol=1e-6)
     lever = truth.position - errors.position.draw("position", len(truth.t_s), 0.02, 1, 0)
     np.testing.assert_allclose(lever, 0.5 * flight.trajectory.pose(truth.t_s).R[:, :, 0], atol=1e-12)
-    again, _ = navigation_solution(flight.trajectory, MUNICH, errors, 1, 0, 50.0)
+    again, _ = navigation_solution(flight.trajectory, MUNICH, errors, 1, 0, rate_hz=50.0)
     np.testing.assert_array_equal(again.geographic, solution.geographic)
-    other, _ = navigation_solution(flight.trajectory, MUNICH, errors, 1, 1, 50.0)
+    other, _ = navigation_solution(flight.trajectory, MUNICH, errors, 1, 1, rate_hz=50.0)
     assert np.abs(other.rph - solution.rph).max() > 1e-6
+
+
+def test_records_of_the_lines_are_those_of_the_flight() -> None:
+    """A line's records are the same with and without the rest, and a time between two lines is refused."""
+    lines = approaches((0.0, 0.0), 700.0, 500.0, 70.0, (0.0, 180.0))
+    flight = fly(lines, 1, 0, gusts=Gusts())
+    whole, _ = navigation_solution(flight.trajectory, MUNICH, pos_av_410(), 1, 0, rate_hz=50.0)
+    part, truth = navigation_solution(
+        flight.trajectory, MUNICH, pos_av_410(), 1, 0, rate_hz=50.0, within_s=flight.line_s
+    )
+    assert len(part) == pytest.approx(2 * (10 + 2) * 50, abs=4)
+    assert len(truth.t_s) == len(part)
+    same = np.isin(whole.t_s, part.t_s)
+    for name in ("rph", "geographic", "velocity_ned"):
+        # SciPy's splines and PROJ give a row alone to a rounding of what they give in a batch.
+        np.testing.assert_allclose(getattr(part, name), getattr(whole, name)[same], rtol=1e-13, atol=1e-12)
+    inside = flight.line_s.mean(axis=1)
+    np.testing.assert_allclose(part.pose(inside, MUNICH).t, whole.pose(inside, MUNICH).t, atol=1e-7)
+    with pytest.raises(ValueError, match="lies in a gap of"):
+        part.pose(flight.line_s[:1, 1] + 20, MUNICH)
 
 
 def test_offset_and_jitter_of_the_stamps() -> None:
@@ -151,7 +171,7 @@ def test_the_sources_residual_of_five_to_six_pixels() -> None:
 
     def residuals(vibration: Vibration, run: int) -> Array:
         true = true_camera_pose(flight.trajectory, head.mounting, Shaking.draw(vibration, "mono", 1, run), t)
-        solution, _ = navigation_solution(flight.trajectory, MUNICH, errors, 1, run)
+        solution, _ = navigation_solution(flight.trajectory, MUNICH, errors, 1, run, within_s=np.array([[4.0, 6.0]]))
         found = solution.pose(stamps(t, errors, "mono", 1, run), MUNICH) @ head.mounting.T_bc
         uv = [[head.camera.project(T[i].inv().apply(points)) for i in range(len(t))] for T in (true, found)]
         return np.linalg.norm(np.subtract(*uv), axis=-1)
@@ -183,7 +203,7 @@ def test_image_records_are_the_solution_at_the_stamps(flight: Flight) -> None:
 
 
 def test_refusals(flight: Flight) -> None:
-    solution, _ = navigation_solution(flight.trajectory, MUNICH, NavigationErrors(), 1, 0, 50.0)
+    solution, _ = navigation_solution(flight.trajectory, MUNICH, NavigationErrors(), 1, 0, rate_hz=50.0)
     spoiled = solution.rph.copy()
     spoiled[7, 2] = np.nan
     with pytest.raises(ValueError, match=r"rph: not finite in record 7 \(t ="):
