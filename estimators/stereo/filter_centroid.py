@@ -17,9 +17,10 @@ from estimators.estimate import WindowEstimate
 from estimators.kalman import Form
 from estimators.stereo.filter_output import pose_jacobian, poses
 from estimators.stereo.filter_points import Corrected, Seen
+from estimators.stereo.filter_start import DATUM_RAD
 from estimators.stereo.filter_state import MOTION, State
 from estimators.stereo.object_motion import functionals
-from sim.pose import Pose
+from sim.pose import Pose, exp_so3, hat
 
 Array = np.ndarray
 
@@ -41,7 +42,19 @@ def correct(form: Form, state: State, F: Array, seen: Seen, gate_sigma: float) -
         if dz @ np.linalg.solve(S, dz) > chi2.isf(chi2.sf(gate_sigma**2, 1), 3):
             return Corrected(state, F, 0.0, 0, nobody)
     c = form.correct(np.zeros(MOTION), F, H, dz, C[None])
-    return Corrected(state.plus(c.x), c.F, float(c.nis), 3, nobody)
+    state = state.plus(c.x)
+    return Corrected(state, _with_axes_known(form, state, c.F, c.x[:3]), float(c.nis), 3, nobody)
+
+
+def _with_axes_known(form: Form, state: State, F: Array, turned: Array) -> Array:
+    """The covariance of the same motion where all doubt is in the twist: the axes themselves cannot be observed.
+
+    Turned by e, the same velocity has the components v + v x e; the correction itself has ``turned`` the axes.
+    """
+    M = np.eye(MOTION)
+    M[:3, :3], M[3:6, 3:6] = 0, exp_so3(-turned)
+    M[6:9, :3], M[9:, :3] = -hat(state.twist[:3]), -hat(state.twist[3:])
+    return form.predict(F, M, np.eye(MOTION, 3), np.full(3, DATUM_RAD**2))
 
 
 def started(state: State, P: Float[Array, "12 12"], seen: Seen) -> tuple[State, Float[Array, "12 12"]]:

@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.stats import chi2
 
 from estimators.kalman import Form
-from estimators.stereo.filter_state import MOTION, State, error_rows
+from estimators.stereo.filter_state import MOTION, State, error_rows, reset
 from sim.camera import StereoRig
 from sim.pose import Pose, hat
 
@@ -77,9 +77,10 @@ def correct(form: Form, state: State, F: Array, seen: Seen, gate_sigma: float) -
     for a in range(3):
         H[np.arange(len(i)), :, MOTION + 3 * i + a] = point[:, :, a]
     c = form.correct(np.zeros(len(state)), F, H.reshape(-1, len(state)), dz.ravel(), seen.R[k])
+    F = form.predict(c.F, reset(c.x), np.zeros((len(state), 1)), np.zeros(1))
     support = state.support.copy()
     support[i] += 1
-    return Corrected(replace(state.plus(c.x), support=support), c.F, float(c.nis), dz.size, gated)
+    return Corrected(replace(state.plus(c.x), support=support), F, float(c.nis), dz.size, gated)
 
 
 def innovation(X: Array, T_wo: Pose, seen: Seen, k: Array) -> tuple[Array, Array, Array]:

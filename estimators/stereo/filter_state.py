@@ -79,6 +79,16 @@ def transition(twist: Float[Array, "6"], dt_s: float) -> Float[Array, "12 12"]:
     return np.asarray(expm(M * dt_s))
 
 
+def reset(d: Float[Array, "e"]) -> Float[Array, "e e"]:
+    """Of the errors from those of a state to those of the state corrected by d, whose pose has other axes.
+
+    exp(d + e) = exp(d) exp(J_r(d) e).
+    """
+    J = np.eye(len(d))
+    J[:6, :6] = transition(d[:6], 1.0)[:6, 6:]
+    return J
+
+
 @dataclass(frozen=True)
 class Noise:
     """Spectral densities as standard deviations, so that nothing depends on the frame rate.

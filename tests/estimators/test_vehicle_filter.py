@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimators.estimate import TrajectoryEstimate
+from estimators.estimate import EstimationFailed, TrajectoryEstimate
 from estimators.kalman import FORMS, FormName
 from estimators.stereo.filter_state import Noise, State, transition
 from estimators.stereo.vehicle_filter import VehicleFilter
@@ -95,3 +95,78 @@ def test_an_outlier_is_rejected_and_a_good_track_is_not(make_scene: Maker) -> No
     late = estimate.windows[3:]
     assert all(7 not in w.track for w in late)
     assert np.mean([list(w.rejected) == [7] for w in late]) > 0.6
+
+
+POOR = VehicleFilter(start="poor", poor_position_m=1.0, poor_speed_mps=3.0, poor_yaw_rad=0.1)
+KINDS = {
+    "centroid": VehicleFilter(state="centroid"),
+    "poor": POOR,
+    "poor centroid": replace(POOR, state="centroid"),
+    "adjustment": VehicleFilter(start="adjustment", start_frames=5),
+    "smoothed": VehicleFilter(smooth=True),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_gives_sound_estimates(make_scene: Maker, kind: str) -> None:
+    """With births, deaths and an empty frame: finite, positive, and the last position good to a few centimetres."""
+    scene = ctrv(make_scene, points=40, frames=20)
+    keep = np.ones((20, 40), bool)
+    keep[8] = False
+    keep[:6, 30:35], keep[14:, 35:] = False, False
+    estimate = KINDS[kind](scene.observe(0.1, 2, keep=keep))
+    assert isinstance(estimate, TrajectoryEstimate)
+    assert [f.frame for f in estimate.failures] == [8]
+    assert [w.frames[-1] for w in estimate.windows][-1] == 19
+    for w in estimate.windows:
+        assert np.isfinite(w.cov).all()
+        assert np.linalg.eigvalsh(w.cov)[0] > 0
+    w = estimate.windows[-1]
+    error = w.T_co[-1].apply(w.X_o).mean(axis=0) - scene.points_c()[-1][w.track].mean(axis=0)
+    assert np.linalg.norm(error) < (0.3 if "poor" in kind else 0.05)
+
+
+def test_a_poor_start_is_poor_and_settles(make_scene: Maker) -> None:
+    scene = ctrv(make_scene, points=40, frames=30)
+    estimate = POOR(scene.observe(0.1, 2))
+    assert isinstance(estimate, TrajectoryEstimate)
+    error = [
+        w.T_co[-1].apply(w.X_o)[:, 2].mean() - scene.points_c()[w.frames[-1]][w.track, 2].mean()
+        for w in estimate.windows
+    ]
+    assert abs(error[0]) > 0.05
+    assert abs(error[-1]) < abs(error[0]) / 2
+
+
+def test_smoothing_changes_only_what_came_before(make_scene: Maker) -> None:
+    """The last frame has no later ones; the first gains the most."""
+    scene = ctrv(make_scene, points=20, frames=10)
+    o = scene.observe(0.2, 7)
+    filtered, smoothed = VehicleFilter()(o), VehicleFilter(smooth=True)(o)
+    assert isinstance(filtered, TrajectoryEstimate)
+    assert isinstance(smoothed, TrajectoryEstimate)
+    np.testing.assert_allclose(smoothed.windows[-1].cov, filtered.windows[-1].cov, atol=1e-12)
+    for a, b in zip(smoothed.windows[:-1], filtered.windows[:-1], strict=True):
+        assert np.diag(a.cov)[6] < np.diag(b.cov)[6]
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("gate_sigma", 0.0), ("yaw_noise_radps2_sqrt_s", -1.0), ("speed_sigma_mps", np.nan), ("start_frames", 1)],
+)
+def test_wrong_options_are_refused(key: str, value: float) -> None:
+    with pytest.raises(ValueError, match=rf"VehicleFilter\.{key}"):
+        VehicleFilter(**{key: value})
+
+
+def test_a_lost_filter_says_so_in_every_frame(make_scene: Maker, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where rounding takes the covariance's definiteness, here by force, no further estimate is given."""
+    form = FORMS["joseph"]
+
+    def spoilt(P: Array, A: Array, G: Array, q: Array) -> Array:
+        return np.asarray(form.predict(P, A, G, q) - 30.0 * np.eye(len(P)))
+
+    monkeypatch.setitem(FORMS, "joseph", replace(form, predict=spoilt))
+    result = VehicleFilter(form="joseph")(make_scene(points=12, frames=6).observe(0.2))
+    assert isinstance(result, EstimationFailed)
+    assert result.reason.startswith("the filter diverged at frame 1")
