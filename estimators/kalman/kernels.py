@@ -227,21 +227,21 @@ def thornton(W: Array, D: Array, F: Array) -> bool:
     False where a run's W D W' is not positive definite.
     """
     runs, n, s = W.shape
+    weighted = np.empty(s, W.dtype)
     for r in range(runs):
         for b in range(n - 1, -1, -1):
-            length = W[r, b, 0] * W[r, b, 0] * D[r, 0]
-            for j in range(1, s):
-                length += W[r, b, j] * W[r, b, j] * D[r, j]
+            row = W[r, b]
+            for j in range(s):
+                weighted[j] = row[j] * D[r, j]
+            length = dot(row, weighted, s)
             if not length > 0:
                 return False
             F[r, b, b] = length
             for a in range(b):
-                total = W[r, a, 0] * D[r, 0] * W[r, b, 0]
-                for j in range(1, s):
-                    total += W[r, a, j] * D[r, j] * W[r, b, j]
-                share = total / length
+                other = W[r, a]
+                share = dot(other, weighted, s) / length
                 F[r, b, a] = share
                 F[r, a, b] = 0
                 for j in range(s):
-                    W[r, a, j] -= share * W[r, b, j]
+                    other[j] -= share * row[j]
     return True
