@@ -238,7 +238,7 @@ def _test() -> int:
         [str(python), "-m", "ruff", "format", "--check", "."],
         [str(python), "-m", "mypy"],
         [str(python.parent / "lint-imports")],
-        [str(python), "-m", "pytest", "-q", "-n", "2", "--dist=loadgroup", "--durations=8"],
+        [str(python), "-m", "pytest", "-q", "-n", "2", "--dist=loadfile", "--durations=8"],
     )
     for step in steps:
         print("$", " ".join([Path(step[0]).name, *step[1:]]), flush=True)

@@ -12,7 +12,6 @@ from sim.observations import Observations
 from sim.truth import Truth
 from tests.end_to_end.conftest import run
 
-pytestmark = pytest.mark.xdist_group("oncoming-images")
 LAST = 30
 Pixel = dict[tuple[str, str], tuple[float, float, float]]
 

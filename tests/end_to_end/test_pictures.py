@@ -14,8 +14,6 @@ from sim.observations import Observations, Tracks
 from sim.truth import Truth
 from tests.end_to_end.conftest import run
 
-pytestmark = pytest.mark.xdist_group("pictures")
-
 SETTINGS = (
     "rig.frames=8",
     "rig.size_px=[400, 300]",

@@ -139,7 +139,6 @@ def test_a_point_is_the_same_after_its_way_to_a_worker(tmp_path: Path) -> None:
     assert point.scenario.seed == 7
 
 
-@pytest.mark.xdist_group("study")
 def test_a_study_of_an_experiment_goes_on_and_makes_its_page(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     file.write_text(HEAD + "[set]\nsteps = [1, 3]\n[[sweep]]\nkind = 'grid'\nkey = 'noise'\nvalues = [0.1, 10.0]\n")

@@ -21,8 +21,6 @@ from sim.truth import Truth
 from sim.world import build_world
 from tests.scenarios.conftest import Command, Result
 
-pytestmark = pytest.mark.xdist_group("pictures")
-
 RUN = Path("runs/oncoming-1")
 OTHER = "front_end.quality=0.02"
 SMALL = (

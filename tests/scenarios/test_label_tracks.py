@@ -95,7 +95,6 @@ def test_wrong_sweeps(
     assert all(word in line for word in words), line
 
 
-@pytest.mark.xdist_group("pictures")
 def test_a_car_is_tracked_in_its_images(labels: Path) -> None:
     small = ("rig.size_px=[310, 94]", "rig.focal_px=180.0", "rig.principal_px=[152.4, 43.2]", "rig.frames=5")
     quick = ("world.roadside=false", "render.shadows=false", "render.supersample=1")
@@ -108,7 +107,6 @@ def test_a_car_is_tracked_in_its_images(labels: Path) -> None:
     assert (result.outliers["tracks"] > 10).all()
 
 
-@pytest.mark.xdist_group("study")
 def test_the_battery_from_its_labels_to_its_report(command: Command, labels: Path) -> None:
     quick = ("measure.from=projection", "measure.points=40", "world.roadside=false", "rig.frames=8")
     settings = [w for s in (f"vehicle.0.motion.labels={labels}", *quick) for w in ("--set", s)]

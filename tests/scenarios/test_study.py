@@ -58,7 +58,6 @@ name = "lines"
 over = "measure.sigma_px"
 bound = true
 """
-pytestmark = pytest.mark.xdist_group("study")
 TABLES = ("comparison", "nees", "outliers", "failures", "support")
 
 
