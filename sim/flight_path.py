@@ -139,7 +139,7 @@ def _chord(direction: float, curvature: float, s: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A way of arcs flown from one speed [m/s] and height [m] to another, both linear in time."""
+    """A way of arcs flown from one speed [m/s] to another, linear in time, and height [m], linear along the way."""
 
     start: Float[Array, "2"]
     direction: float
@@ -159,7 +159,7 @@ class Piece:
         """Positions at times since the piece's begin."""
         (v0, v1), (z0, z1), T = self.speeds, self.heights, self.duration_s
         s = v0 * t_s + (v1 - v0) * t_s**2 / (2 * T)
-        z = z0 + (z1 - z0) * t_s / T
+        z = z0 + (z1 - z0) * s / self.length_m
         return np.column_stack([trace(self.start, self.direction, self.arcs, s), z])
 
 

@@ -97,11 +97,15 @@ def test_wind_turns_the_nose_and_not_the_course() -> None:
 
 
 def test_climbs_take_circles() -> None:
-    low, high = CROSS[0], replace(CROSS[1], height_m=1400.0, speed_mps=80.0)
+    low, high = CROSS[0], replace(CROSS[1], height_m=3500.0, speed_mps=80.0)
     flight = fly([low, high], 1, 0)
     v = flight.trajectory.velocity(flight.trajectory.t_s)
     assert np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1])).max() < np.deg2rad(6.01)
-    assert flight.line_s[1, 0] - flight.line_s[0, 1] > 900 / (80 * np.tan(np.deg2rad(6.0)))
+    shortest_s = 3000 / (80 * np.tan(np.deg2rad(6.0)))
+    circle_m = 2 * np.pi * turn_radius(80.0, np.deg2rad(20))
+    assert shortest_s < flight.line_s[1, 0] - flight.line_s[0, 1] < 80 / 70 * shortest_s + circle_m / 70 + 10
+    level = fly([low, replace(high, height_m=500.0)], 1, 0)
+    assert level.line_s[1, 0] < flight.line_s[1, 0] - circle_m / 80  # the turn alone is too short
 
 
 def flown(run: int, **options: object) -> Flight:
