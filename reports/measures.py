@@ -42,6 +42,7 @@ MEASURES = {
     "error": Measure("1", "lower", "rms", _rms),
     "nees": Measure("1", "one", "mean", np.mean),
     "nis": Measure("1", "one", "mean", np.mean),
+    "nis_dof": Measure("1", "higher", "mean", np.mean),
 }
 
 

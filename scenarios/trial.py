@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 
-from estimators.estimate import EstimationFailed
+from estimators.estimate import EstimationFailed, TrajectoryEstimate
 from reports.errors import UNITS
 from reports.evaluation import Evaluation, evaluate
 from scenarios.store import config_hash
@@ -23,7 +23,8 @@ from sim.simulate import View, look, simulate
 from sim.world import World, build_world
 
 KEEP = ("position", "orientation", "velocity", "speed", "yaw_rate", "shape")
-QUANTITIES = tuple(q for q in UNITS if q != "failure")
+NIS = "nis"
+QUANTITIES = (*(q for q in UNITS if q != "failure"), NIS)
 _KEPT_SCENES = 4
 
 
@@ -70,7 +71,7 @@ COLUMNS: dict[str, dict[str, str]] = {
 def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
     """Measures a scenario with its estimators (`scenarios.spec`) once and evaluates every estimator on it.
 
-    keep: quantities of `reports.errors.UNITS` whose error rows are wanted. World and view are kept per process.
+    keep: quantities of `reports.errors.UNITS` whose error rows are wanted, and "nis". World and view are kept.
 
     Raises
         ScenarioError: the world cannot be made, or the target is never visible; whatever else an estimator raises.
@@ -83,7 +84,7 @@ def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
 
         observations, truth = track_in_memory(spec, run, world, observations, truth)
     seconds = {"": time.perf_counter() - started}
-    evaluations, outliers = [], []
+    evaluations, outliers, measures = [], [], []
     for estimator in spec.estimator:
         started = time.perf_counter()
         estimate = estimator.build()(observations)
@@ -92,6 +93,7 @@ def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
         evaluations.append(evaluate(truth, observations.tracks, estimate, **names))
         if not isinstance(estimate, EstimationFailed):
             outliers.append(evaluations[-1].outliers.assign(run=run, estimator=estimator.title))
+            measures.append(_nis(estimate).assign(run=run, estimator=estimator.title))
     comparison = pd.concat([e.comparison for e in evaluations], ignore_index=True)
     tables = {
         "comparison": comparison[comparison["quantity"].isin(keep)],
@@ -99,7 +101,7 @@ def trial(spec: Any, run: int, keep: Collection[str] = KEEP) -> TrialResult:
         "outliers": pd.concat(outliers or [pd.DataFrame()]),
         "failures": pd.DataFrame([row for e in evaluations for row in _failures(e)]),
         "support": pd.DataFrame([{name: getattr(e, name) for name in COLUMNS["support"]} for e in evaluations]),
-        "measures": pd.DataFrame(),
+        "measures": pd.concat(measures or [pd.DataFrame()]) if NIS in keep else pd.DataFrame(),
         "runtimes": pd.DataFrame([{"run": run, "estimator": k, "seconds": v} for k, v in seconds.items()]),
     }
     return TrialResult(**{name: _typed(name, table) for name, table in tables.items()})
@@ -148,6 +150,18 @@ def _failures(e: Evaluation) -> list[dict[str, Any]]:
         | {"reason": reason, "traceback": ""}
         for t_s, reason in zip(rows["t_s"], rows["entity"], strict=True)
     ]
+
+
+def _nis(estimate: TrajectoryEstimate) -> pd.DataFrame:
+    """Cost over redundancy of every window, and the redundancy: of a filter the normalised innovation squared of a
+    frame over its degrees of freedom, of an adjustment the variance factor.
+    """
+    rows = []
+    for w in estimate.windows:
+        if w.redundancy > 0:
+            t_s = float(estimate.t_s[w.frames[-1]])
+            rows += [(NIS, t_s, w.cost / w.redundancy), ("nis_dof", t_s, float(w.redundancy))]
+    return pd.DataFrame(rows, columns=["quantity", "t_s", "value"])
 
 
 def _measured(spec: Scenario) -> Scenario:

@@ -9,6 +9,7 @@ import pandas as pd
 
 from reports.claim import Claim, holds
 from reports.display import SUPERSCRIPT
+from reports.recursive.method_statements import methods, tuning
 from reports.recursive.precision import SOURCE_RANGE, holds_up_to, pooled
 from reports.recursive.scalar import gain_table, start_table, steady_state
 from reports.studies import StudyResult
@@ -157,4 +158,6 @@ def _list(values: pd.Series) -> str:
 _CLAIMS: dict[str, Callable[[StudyResult], list[Claim]]] = {
     "dickmanns-precision": _precision,
     "dickmanns-scalar-filter": _scalar,
+    "dickmanns-vehicle-filter": tuning,
+    "filter-vs-adjustment": methods,
 }
