@@ -1,0 +1,219 @@
+"""The painted ground: tiles of a map in metres, painted when they are first seen and kept."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import cv2
+import numpy as np
+import shapely
+from jaxtyping import Float, Int, UInt8
+
+from sim.aerial import paint_kernels as kernels
+from sim.aerial.materials import Material
+from sim.textures import noise
+
+Array = np.ndarray
+Bounds = tuple[float, float, float, float]
+PIXEL_M = 0.10
+TILE_PX = 1024
+_BORDER_PX = 4
+# Coverage of roads and paint is drawn this much finer.
+_FINE = 4
+# OpenCV fills every pixel that a polygon touches: half a fine pixel more on every side.
+DRAWN_WIDER_M = PIXEL_M / _FINE / 2
+_LEVELS = 3
+_NEUTRAL = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """A road's surface: polygon, tone (sRGB code value), and strokes on it: (line, width [m], change of tone)."""
+
+    shape: Any
+    tone: int
+    strokes: tuple[tuple[Float[Array, "n 2"], float, int], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPlan:
+    """Everything that is painted on the ground, later items over earlier ones.
+
+    covers: polygons and their materials; ``base`` covers what no polygon does. strips: asphalt. wear: polygons and
+    polylines of other tone (patches, joints) on the asphalt: (points, width or 0 for an area, tone). paint: white
+    polygons (markings), fresh (``worn_paint`` 0) or some years old (1). snow: the share of the asphalt that it hides
+    where nobody drives.
+    """
+
+    base: Material
+    covers: tuple[tuple[Any, Material], ...]
+    strips: tuple[Strip, ...]
+    wear: tuple[tuple[Float[Array, "n 2"], float, int], ...]
+    paint: tuple[Any, ...]
+    snow: float = 0.0
+    worn_paint: float = 1.0
+
+
+class PaintedGround:
+    """Tiles of the map that `GroundPlan` describes, of 0.1 m pixels and coarser ones; the last used are kept.
+
+    Rows count from south to north. ``level`` k has pixels of 0.1 m times 2^k.
+    """
+
+    def __init__(self, plan: GroundPlan, bounds_m: Bounds, rng: np.random.Generator) -> None:
+        self._plan = plan
+        self._side = TILE_PX * PIXEL_M
+        x0, y0, x1, y1 = bounds_m
+        self._corner = (math.floor(x0 / self._side), math.floor(y0 / self._side))
+        self.columns = math.ceil(x1 / self._side) - self._corner[0]
+        self.rows = math.ceil(y1 / self._side) - self._corner[1]
+        self._trees = {
+            "covers": shapely.STRtree([p for p, _ in plan.covers]),
+            "strips": shapely.STRtree([s.shape for s in plan.strips]),
+            "wear": shapely.STRtree([shapely.LineString(p) for p, _, _ in plan.wear]),
+            "paint": shapely.STRtree(list(plan.paint)),
+        }
+        self._rows = np.stack([plan.base.row(), *(m.row() for _, m in plan.covers)])
+        self._grain = noise((512, 512), 0.5, rng)
+        self._mid = noise((1024, 1024), 1.7, rng)
+        self._coarse = noise((512, 512), 2.2, rng)
+        self._pools: dict[int, UInt8[Array, "slots h w 3"]] = {}
+        self._slots: dict[int, OrderedDict[tuple[int, int], int]] = {}
+
+    def level(self, sampling_m: float) -> int:
+        """The level for samples so far apart."""
+        return int(np.clip(round(math.log2(max(sampling_m, 1e-3) / PIXEL_M)), 0, _LEVELS - 1))
+
+    def grid(self, level: int) -> Float[Array, "5"]:
+        """x, y of the tiles' corner [m], pixel [m], pixels per tile, border: as `shade_kernels.shade` wants them."""
+        c, r = self._corner
+        return np.array(
+            [c * self._side, r * self._side, PIXEL_M * 2**level, TILE_PX >> level, _BORDER_PX >> level], float
+        )
+
+    def tiles(self, bounds_m: Bounds, level: int) -> tuple[UInt8[Array, "slots h w 3"], Int[Array, "rows columns"]]:
+        """The pool of tiles and which of it lies where (-1: nowhere), for all tiles that meet the bounds."""
+        x0, y0, x1, y1 = bounds_m
+        c0, r0 = (
+            max(math.floor(x0 / self._side) - self._corner[0], 0),
+            max(math.floor(y0 / self._side) - self._corner[1], 0),
+        )
+        c1 = min(math.floor(x1 / self._side) - self._corner[0], self.columns - 1)
+        r1 = min(math.floor(y1 / self._side) - self._corner[1], self.rows - 1)
+        wanted = [(r, c) for r in range(r0, r1 + 1) for c in range(c0, c1 + 1)]
+        slots = self._slots.setdefault(level, OrderedDict())
+        for key in wanted:
+            if key in slots:
+                slots.move_to_end(key)
+        missing = [key for key in wanted if key not in slots]
+        table = np.full((self.rows, self.columns), -1, np.int64)
+        pool = self._room(level, len(wanted))
+        for key in missing:
+            slot = len(slots) if len(slots) < len(pool) else slots.popitem(last=False)[1]
+            pool[slot] = _shrunk(self.paint(*key), level)
+            slots[key] = slot
+        for key in wanted:
+            table[key] = slots[key]
+        return pool, table
+
+    def _room(self, level: int, count: int) -> UInt8[Array, "slots h w 3"]:
+        """The pool of a level, with room for so many tiles at once."""
+        side = (TILE_PX + 2 * _BORDER_PX) >> level
+        pool: Array = self._pools.get(level, np.empty((0, side, side, 3), np.uint8))
+        if len(pool) < count:
+            larger = np.empty((count + 16, side, side, 3), np.uint8)
+            larger[: len(pool)] = pool
+            self._pools[level] = pool = larger
+        return pool
+
+    def paint(self, row: int, column: int) -> UInt8[Array, "h w 3"]:
+        """One tile with its border at 0.1 m."""
+        side = TILE_PX + 2 * _BORDER_PX
+        first = np.array([self._corner[0] + column, self._corner[1] + row]) * TILE_PX - _BORDER_PX
+        low = first * PIXEL_M
+        box = shapely.box(*low, *(low + side * PIXEL_M))
+        board = _Board(low, box)
+        cover = np.zeros((side, side), np.int32)
+        for k in self._inside("covers", box):
+            board.fill(cover, self._plan.covers[k][0], int(k) + 1)
+        road = np.zeros((side * _FINE, side * _FINE), np.uint8)
+        tone = np.full((side, side), 110, np.uint8)
+        track = np.full((side, side), _NEUTRAL, np.uint8)
+        strips = [self._plan.strips[k] for k in self._inside("strips", box)]
+        for strip in strips:
+            board.fill(road, strip.shape, 255, _FINE)
+            board.fill(tone, strip.shape, strip.tone, grow=True)
+        for strip in strips:
+            for line, width, change in strip.strokes:
+                board.stroke(track, line, width, _NEUTRAL + change)
+        for k in self._inside("wear", box):
+            points, width, value = self._plan.wear[k]
+            if width:
+                board.stroke(tone, points, width, value)
+            else:
+                board.fill(tone, shapely.Polygon(points), value)
+        paint = np.zeros((side * _FINE, side * _FINE), np.uint8)
+        for k in self._inside("paint", box):
+            board.fill(paint, self._plan.paint[k], 255, _FINE)
+        out = np.empty((side, side, 3), np.uint8)
+        kernels.colour(
+            int(first[0]), int(first[1]), PIXEL_M, cover, self._rows, _averaged(road, side),
+            tone, cv2.blur(track, (7, 7)), _averaged(paint, side), self._grain, self._mid, self._coarse,
+            self._plan.snow, self._plan.worn_paint, out,
+        )  # fmt: skip
+        return out
+
+    def _inside(self, layer: str, box: Any) -> Int[Array, "k"]:
+        """Numbers of the items that meet a box, in their order."""
+        return np.asarray(np.sort(self._trees[layer].query(box, predicate="intersects")))
+
+
+def _averaged(fine: Array, side: int) -> UInt8[Array, "h w"]:
+    return np.asarray(cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA))
+
+
+def _shrunk(tile: Array, level: int) -> Array:
+    side = len(tile) >> level
+    return tile if level == 0 else np.asarray(cv2.resize(tile, (side, side), interpolation=cv2.INTER_AREA))
+
+
+class _Board:
+    """Draws shapes in metres on images whose pixel (0, 0) begins at ``low``."""
+
+    _SHIFT = 8
+
+    def __init__(self, low: Float[Array, "2"], box: Any) -> None:
+        self._low = low
+        # Fixed-point coordinates overflow far away, and clipping is cheap.
+        self._box = box.buffer(8.0)
+
+    def fill(self, image: Array, shape: Any, value: int, fine: int = 1, grow: bool = False) -> None:
+        shape = shape.buffer(PIXEL_M) if grow else shape
+        clipped = shape if self._box.contains(shape) else shapely.intersection(shape, self._box)
+        for part in shapely.get_parts(clipped):
+            if part.geom_type == "Polygon" and not part.is_empty:
+                rings = [self._fixed(shapely.get_coordinates(r), fine) for r in (part.exterior, *part.interiors)]
+                cv2.fillPoly(image, rings, value, cv2.LINE_8, self._SHIFT)
+
+    def stroke(self, image: Array, line: Float[Array, "n 2"], width_m: float, value: int) -> None:
+        clipped = shapely.intersection(shapely.LineString(line), self._box)
+        parts: Sequence[Any] = [p for p in shapely.get_parts(clipped) if p.geom_type == "LineString"]
+        if width_m <= 1.5 * PIXEL_M:
+            points = [self._fixed(shapely.get_coordinates(p), 1) for p in parts]
+            cv2.polylines(image, points, False, value, 1, cv2.LINE_AA, self._SHIFT)
+            return
+        for part in parts:
+            for p, q in pairwise(shapely.get_coordinates(part)):
+                d = (q - p) / max(float(np.hypot(*(q - p))), 1e-9) * width_m / 2
+                n = np.array([-d[1], d[0]])
+                ring = np.array([p - 0.3 * d + n, q + 0.3 * d + n, q + 0.3 * d - n, p - 0.3 * d - n])
+                cv2.fillConvexPoly(image, self._fixed(ring, 1), value, cv2.LINE_8, self._SHIFT)
+
+    def _fixed(self, xy: Array, fine: int) -> Int[Array, "n 2"]:
+        pixels = (xy - self._low) / (PIXEL_M / fine) - 0.5
+        return np.asarray(np.round(pixels * 2**self._SHIFT), np.int32)

@@ -1,0 +1,141 @@
+"""Models of the aerial world: triangle meshes that share textures, packed into the flat arrays of the renderer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from sim.archive import freeze_fields
+from sim.textures import linear_from_srgb
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """Albedo in linear light (h, w, 4): RGB, and the share of the instance's paint that is added; row 0 is t = 0."""
+
+    texels: Float[Array, "h w 4"]
+    repeat: bool
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "texels", np.asarray(self.texels, np.float32))
+        freeze_fields(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Closed triangle mesh in its own frame [m], faces counter-clockwise seen from outside.
+
+    look (v, 4): texture coordinates s, t, openness to the light in 0..1 (1 in the open), gloss in 0..1.
+    texture (f,): which texture of the library a face has.
+    """
+
+    vertices: Float[Array, "v 3"]
+    normals: Float[Array, "v 3"]
+    look: Float[Array, "v 4"]
+    faces: Int[Array, "f 3"]
+    texture: Int[Array, "f"]
+
+    def __post_init__(self) -> None:
+        freeze_fields(self)
+
+
+def merged(parts: Sequence[Mesh]) -> Mesh:
+    """Parts as one mesh."""
+    shift = np.cumsum([0] + [len(p.vertices) for p in parts])
+    return Mesh(
+        np.concatenate([p.vertices for p in parts]),
+        np.concatenate([p.normals for p in parts]),
+        np.concatenate([p.look for p in parts]),
+        np.concatenate([p.faces + s for p, s in zip(parts, shift, strict=False)]),
+        np.concatenate([p.texture for p in parts]),
+    )
+
+
+def polygon(corners: Float[Array, "n 3"], st: Float[Array, "n 2"], texture: int, openness: float = 1.0) -> Mesh:
+    """A flat convex polygon, counter-clockwise seen from outside."""
+    a, b, c = corners[0], corners[1], corners[2]
+    n = np.cross(b - a, c - a)
+    n /= max(float(np.linalg.norm(n)), 1e-12)
+    count = len(corners)
+    k = np.arange(1, count - 1)
+    faces = np.stack([np.zeros_like(k), k, k + 1], axis=-1)
+    look = np.column_stack([st, np.full(count, openness), np.zeros(count)])
+    return Mesh(corners, np.tile(n, (count, 1)), look, faces, np.full(len(faces), texture))
+
+
+@dataclass(frozen=True, eq=False)
+class Library:
+    """All meshes and textures in flat arrays; mesh m has vertices [vertex_first[m], vertex_first[m + 1])."""
+
+    vertices: Float[Array, "v 3"]
+    normals: Float[Array, "v 3"]
+    look: Float[Array, "v 4"]
+    faces: Int[Array, "f 3"]
+    texture: Int[Array, "f"]
+    vertex_first: Int[Array, "_"]
+    face_first: Int[Array, "_"]
+    radius: Float[Array, "m"]
+    texels: Float[Array, "t 4"]
+    textures: Int[Array, "n 4"]
+
+    @staticmethod
+    def of(meshes: Sequence[Mesh], textures: Sequence[Texture]) -> Library:
+        all_ = merged(meshes)
+        vertex_first = np.cumsum([0] + [len(m.vertices) for m in meshes])
+        face_first = np.cumsum([0] + [len(m.faces) for m in meshes])
+        faces = all_.faces.astype(np.int32)
+        sizes = [t.texels.shape[:2] for t in textures]
+        begins = np.cumsum([0] + [h * w for h, w in sizes])
+        table = [(b, h, w, t.repeat) for b, (h, w), t in zip(begins, sizes, textures, strict=False)]
+        return Library(
+            all_.vertices,
+            all_.normals,
+            all_.look,
+            faces,
+            all_.texture.astype(np.int32),
+            vertex_first,
+            face_first,
+            np.array([np.linalg.norm(m.vertices, axis=1).max() for m in meshes]),
+            np.concatenate([t.texels.reshape(-1, 4) for t in textures]),
+            np.array(table, np.int64),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Instances:
+    """Placed models: mesh (n,), place (n, 12) = rotation times scale by rows, then t; paint (n, 3) in linear light."""
+
+    mesh: Int[Array, "n"]
+    place: Float[Array, "n 12"]
+    paint: Float[Array, "n 3"]
+
+    def __post_init__(self) -> None:
+        freeze_fields(self)
+
+    def __len__(self) -> int:
+        return len(self.mesh)
+
+    def chosen(self, which: Array) -> Instances:
+        return Instances(self.mesh[which], self.place[which], self.paint[which])
+
+    @staticmethod
+    def joined(groups: Sequence[Instances]) -> Instances:
+        return Instances(*(np.concatenate([getattr(g, name) for g in groups]) for name in ("mesh", "place", "paint")))
+
+    @staticmethod
+    def none() -> Instances:
+        return Instances(np.zeros(0, np.int64), np.zeros((0, 12)), np.zeros((0, 3), np.float32))
+
+
+def places(R: Float[Array, "n 3 3"], t: Float[Array, "n 3"]) -> Float[Array, "n 12"]:
+    return np.concatenate([R.reshape(-1, 9), t], axis=1)
+
+
+def linear(*srgb: float) -> Float[Array, "3"]:
+    """Linear light of an sRGB colour in 0..1."""
+    return np.asarray(linear_from_srgb(srgb), np.float32)
