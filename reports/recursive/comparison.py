@@ -65,10 +65,9 @@ def better_table(result: StudyResult, *, first: str = "filter", second: str = "a
     for where, point in situations(result).items():
         for aspect in aspects(result, where, point):
             a, b, apart, low, high = difference(aspect, first, second)
-            row = {"situation": where, "aspect": aspect.name, "unit": aspect.unit, first: a, second: b}
-            rows.append(
-                row | {"difference": apart, "from": low, "to": high, "better": verdict(low, high, first, second)}
-            )
+            row: dict[str, object] = {"situation": where, "aspect": aspect.name, "unit": aspect.unit}
+            row["better"] = verdict(low, high, first, second)
+            rows.append(row | {first: a, second: b, "difference": apart, "from": low, "to": high})
     return pd.DataFrame(rows)
 
 

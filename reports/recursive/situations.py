@@ -22,7 +22,7 @@ def situation(scenario: Mapping[str, Any]) -> str:
     """What the target does and how many tracks are wrong."""
     name = _NAMES.get(scenario["vehicle"][0]["motion"]["kind"], scenario["vehicle"][0]["motion"]["kind"])
     share = wrong_share(scenario)
-    return f"{name}, {100 * share:.0f} % wrong tracks" if share else name
+    return f"{100 * share:.0f} % wrong tracks" if share else name
 
 
 def wrong_share(scenario: Mapping[str, Any]) -> float:

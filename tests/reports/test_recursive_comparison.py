@@ -103,7 +103,7 @@ def found() -> StudyResult:
 
 def test_situations_have_names() -> None:
     assert situation(scenario("straight")) == "constant velocity"
-    assert situation(scenario("straight", 0.2)) == "constant velocity, 20 % wrong tracks"
+    assert situation(scenario("straight", 0.2)) == "20 % wrong tracks"
 
 
 def test_a_delay_is_the_lag() -> None:
@@ -127,7 +127,7 @@ def test_the_table_says_where_each_is_better(found: StudyResult) -> None:
     lag: Any = table.loc[("braking", "lag of speed")]
     assert lag["filter"] == pytest.approx(0.1, abs=0.005)
     assert lag["from"] <= lag["difference"] <= lag["to"]
-    assert ("constant velocity, 20 % wrong tracks", "NEES of pose, logarithm") not in table.index
+    assert ("20 % wrong tracks", "NEES of pose, logarithm") not in table.index
     itself = better_table(found, first="filter", second="filter")
     assert set(itself["better"]) == {"no difference seen"}
     with pytest.raises(ValueError, match="found 'x', allowed: filter"):
