@@ -42,7 +42,8 @@ class WindowEstimate:
     sigma_0 estimated standard deviation of unit weight (2.1.22), redundancy, iterations; cost v'Wv.
     ``cov`` is that of the *stated* sigmas (variance factor 1). rejected (q,) tracks taken for outliers and left out;
     second_group (g,) those of them that move together as another rigid body. datum (3,) tracks that define the object
-    frame, none for the inner datum.
+    frame, none for the inner datum. since: first frame whose observations entered, where that is before the window, as
+    in a filter; else -1.
     """
 
     frames: Int[np.ndarray, "m"]
@@ -57,9 +58,15 @@ class WindowEstimate:
     rejected: Int[np.ndarray, "q"] = field(default_factory=lambda: _NONE)
     second_group: Int[np.ndarray, "g"] = field(default_factory=lambda: _NONE)
     datum: Int[np.ndarray, "d"] = field(default_factory=lambda: _NONE)
+    since: int = -1
 
     def __post_init__(self) -> None:
         freeze_fields(self)
+
+    @property
+    def oldest(self) -> int:
+        """First frame whose observations entered."""
+        return int(self.frames[0]) if self.since < 0 else self.since
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,13 +61,13 @@ def window_nees(c: WindowComparison) -> dict[str, float]:
 
 
 def disjoint_windows(estimate: TrajectoryEstimate) -> frozenset[int]:
-    """Newest frames of windows that share no frame with one another, chosen greedily from the first.
+    """Newest frames of windows that share no observation with one another, chosen greedily from the first.
 
-    Overlapping windows use the same observations; only disjoint ones are independent.
+    Overlapping windows use the same observations, those of a filter all of them; only disjoint ones are independent.
     """
     chosen: list[int] = []
     for w in estimate.windows:
-        if not chosen or w.frames[0] > chosen[-1]:
+        if not chosen or w.oldest > chosen[-1]:
             chosen.append(int(w.frames[-1]))
     return frozenset(chosen)
 
@@ -100,8 +100,11 @@ def cramer_rao(truth: Truth, tracks: Tracks, c: WindowComparison, known: Known |
 
     Fisher information of the image coordinates at the true geometry with the injected noise: ``W = J' J / sigma²`` with
     J the Jacobian of the projection. NaN where the rows do not determine it or the noise is zero. ``known`` makes of
-    the times, the ego poses and the true poses the conditions that an estimator takes for granted.
+    the times, the ego poses and the true poses the conditions that an estimator takes for granted. NaN where earlier
+    observations entered as well, and with them what a filter believes of the motion between: no bound of the window.
     """
+    if c.window.oldest < c.window.frames[0]:
+        return NO_BOUND
     frames = c.window.frames
     rows = np.isin(tracks.frame, frames) & np.isin(tracks.track, c.track) & (truth.labels.kind == INLIER)
     seen, frame = np.unique(tracks.frame[rows], return_inverse=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -116,10 +116,11 @@ class VehicleFilter:
         points, t_s = triangulated(observations, "linear"), observations.t_s
         frames = observed_frames(observations, points)
         first: Step | None = None
+        since = 0
         for newest, window in self._starts(frames):
             found = self._started(observations, points, frames, window)
             if isinstance(found, Step):
-                first = found
+                first, since = found, int(window[0])
                 break
             yield Failure(newest, found.reason, found.hints)
         if first is None:
@@ -133,9 +134,9 @@ class VehicleFilter:
             elif self.smooth:
                 steps.append(step)
             else:
-                yield self._window(step, frames, t_s)
+                yield self._window(step, frames, t_s, since)
         for step in smoothed(steps):
-            yield self._window(step, frames, t_s)
+            yield self._window(step, frames, t_s, since)
 
     def _starts(self, frames: list[Seen]) -> Iterator[tuple[int, Array]]:
         """Frames to start with, first those that come first: the newest, and all of them."""
@@ -171,17 +172,19 @@ class VehicleFilter:
             F = form.start((P + P.T) / 2)
         return Step.first(newest, now, state, F, form.covariance(F))
 
-    def _window(self, step: Step, frames: list[Seen], t_s: Array) -> WindowEstimate | Failure:
-        """The estimate of a step and the frame before."""
+    def _window(self, step: Step, frames: list[Seen], t_s: Array, since: int) -> WindowEstimate | Failure:
+        """The estimate of a step and the frame before, by observations since a frame."""
         pair = np.array([step.before, step.frame])
         T_wc, dt_s = Pose.stack([frames[k].T_wc for k in pair]), float(t_s[step.frame] - t_s[step.before])
         try:
             if self.state == "centroid":
-                return window_of_centroid(step.state, step.P, pair, T_wc, dt_s, step.seen, step.nis, step.dof)
+                found = window_of_centroid(step.state, step.P, pair, T_wc, dt_s, step.seen, step.nis, step.dof)
+                return replace(found, since=since)
             used = np.flatnonzero(step.state.support >= USED)
             if len(used) < MIN_POINTS:
                 return Failure(step.frame, "fewer than three points have been seen twice")
             rejected = step.state.track[step.state.support <= REJECTED]
-            return window_of_points(step.state, step.P, pair, T_wc, dt_s, used, rejected, step.nis, step.dof)
+            found = window_of_points(step.state, step.P, pair, T_wc, dt_s, used, rejected, step.nis, step.dof)
+            return replace(found, since=since)
         except SingularSystem as error:
             return Failure(step.frame, str(error))

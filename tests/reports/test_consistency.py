@@ -35,6 +35,15 @@ def test_disjoint_windows_share_no_frame(world):
     assert sorted(chosen) == [2, 12, 22, 32]
 
 
+def test_what_earlier_observations_entered_is_neither_independent_nor_bounded(world):
+    windows = tuple(replace(w, since=0) for w in world.estimate.windows)
+    recursive = replace(world.estimate, windows=windows)
+    assert disjoint_windows(recursive) == {int(windows[0].frames[-1])}
+    comparison = compare_windows(world.truth, world.tracks, recursive)[-1]
+    assert comparison.window.frames[0] > 0
+    assert np.isnan(cramer_rao(world.truth, world.tracks, comparison)).all()
+
+
 def test_nees_of_windows_disturbed_by_their_covariance(world, keys):
     """Disjoint windows of a fixed seed, each disturbed by a sample of its own covariance."""
     rng = np.random.default_rng(8)
