@@ -107,15 +107,15 @@ def from_ties(conditions: TieConditions, runs: int) -> tuple[Runs, Array]:
     return result, np.sqrt(np.mean(ground, axis=0))
 
 
-def scatter(conditions: Conditions, runs: int) -> Array:
-    """Scatter of the boresight angles per image (Fig. 3.7) [deg], (runs, 3)."""
+def scatter(conditions: Conditions, runs: int) -> list[float]:
+    """Scatter of the boresight angles per image (Fig. 3.7) [deg], mean over the runs."""
     found = []
     for run in range(runs):
         f = _flight(conditions, run)
         per_image = boresight_per_image(ANTAR, f.points, f.control, f.navigation, f.nominal)
         if isinstance(per_image, BoresightPerImage):
             found.append(np.rad2deg(per_image.scatter))
-    return np.array(found)
+    return [float(v) for v in np.stack(found).mean(axis=0)]
 
 
 def _flight(conditions: Conditions, run: int) -> Flight:
@@ -127,11 +127,14 @@ def without_error(navigation: Navigation) -> Navigation:
     return replace(navigation, sigma_rph=navigation.sigma_rph / 1e3, sigma_position_m=navigation.sigma_position_m / 1e3)
 
 
+def _rms(values: Array) -> Array:
+    return np.asarray(np.sqrt(np.mean(values**2, axis=0)))
+
+
 def _show(label: str, runs: Runs) -> None:
-    rms = np.sqrt(np.mean(runs.errors**2, axis=0))
-    formal = np.sqrt(np.mean(runs.sigmas**2, axis=0))
+    rms, formal = _rms(runs.errors), _rms(runs.sigmas)
     dof = runs.errors.size
-    low, high = chi2.ppf([0.025, 0.975], dof) / dof
+    low, high = (float(chi2.ppf(q, dof)) / dof for q in (0.025, 0.975))
     angles = " / ".join(f"{v:.4f}" for v in rms[:3])
     stated = " / ".join(f"{v:.4f}" for v in formal[:3])
     offset = f"   dt {1e3 * rms[3]:.2f} ms (formal {1e3 * formal[3]:.2f})" if len(rms) > 3 else ""
@@ -152,7 +155,7 @@ def main() -> None:
     _show("clean", clean)
     _show("no own poses", from_gcps(CLEAN, n, believed=without_error))
     _show("as the source", from_gcps(DISTURBED, n))
-    print(f"{'':<15} scatter per image {' / '.join(f'{v:.3f}' for v in scatter(DISTURBED, n).mean(axis=0))} deg")
+    print(f"{'':<15} scatter per image {' / '.join(f'{v:.3f}' for v in scatter(DISTURBED, n))} deg")
     one_height = from_gcps(ONE_HEIGHT, n, ["time_offset"])
     _show("one height", one_height)
     said = [e for e in one_height.estimates if any({"pitch", "time_offset"} <= set(g.names) for g in e.inseparable)]

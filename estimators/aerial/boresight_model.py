@@ -18,11 +18,22 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from sim.angles import Mounting, boresight_angles, boresight_rotation, roll_pitch_heading
+from sim.angles import (
+    Mounting,
+    body_rotation,
+    boresight_angles,
+    boresight_rotation,
+    roll_pitch_heading,
+    rotation_map_from_navigation,
+)
 from sim.archive import freeze_fields
+from sim.geodesy import Georeference
+from sim.navigation import NavigationSolution
 from sim.pose import Pose, exp_so3, hat, interpolate, left_jacobian, log_so3
 
 Array = np.ndarray
+# Attitudes this far apart give the rates of a solution that has none: over less, their white noise rules.
+_RATE_SPAN_S = 0.1
 Extra = Literal["lever", "time_offset", "gnss_offset"]
 # Order, names and widths of the common unknowns. Rotations about body axes: forward (roll), right (pitch), down (yaw).
 _NAMES: dict[str, tuple[str, ...]] = {
@@ -62,6 +73,19 @@ class Navigation:
 
     def __len__(self) -> int:
         return len(self.t_s)
+
+    @staticmethod
+    def from_solution(solution: NavigationSolution, reference: Georeference) -> Navigation:
+        """A post-processed solution in the world frame; rates by differences of attitude over a tenth of a second."""
+        p_w = reference.from_crs(solution.geographic)
+        convergence = reference.convergence(p_w)
+        R_wb = body_rotation(solution.rph, convergence)
+        velocity_w = (rotation_map_from_navigation(convergence) @ solution.velocity_ned[..., None])[..., 0]
+        t, last = solution.t_s, len(solution) - 1
+        span = max(1, round(_RATE_SPAN_S / 2 / float(np.median(np.diff(t))))) if last else 0
+        a, b = np.clip(np.arange(last + 1) - span, 0, last), np.clip(np.arange(last + 1) + span, 0, last)
+        rate_b = log_so3(np.swapaxes(R_wb[a], 1, 2) @ R_wb[b]) / np.maximum(t[b] - t[a], 1e-9)[:, None]
+        return Navigation(t, Pose(R_wb, p_w), velocity_w, rate_b, solution.sigma_rph, solution.sigma_position)
 
     def pose(self, t_s: ArrayLike) -> Pose:
         """T_wb at any times, between neighbouring records.

@@ -26,8 +26,11 @@ from estimators.aerial.boresight_model import (
 )
 from estimators.aerial.resection import ImagePoints, moved
 from estimators.estimate import EstimationFailed
-from sim.angles import Mounting, body_rotation
+from sim.angles import Mounting, body_rotation, rotation_map_from_navigation
+from sim.geodesy import Georeference
+from sim.navigation import NavigationSolution
 from sim.pose import Pose
+from sim.trajectory import Trajectory
 
 Array = np.ndarray
 EXTRAS: tuple[Extra, ...] = ("lever", "time_offset", "gnss_offset")
@@ -216,6 +219,25 @@ def test_navigation_between_its_records() -> None:
     np.testing.assert_allclose(at.T_wb.R, expected, atol=5e-6)  # second difference over 8: 0.1 * 0.01² / 8
     with pytest.raises(ValueError, match="outside 0"):
         nav.at(np.array([2.5]))
+
+
+def test_a_navigation_solution_in_the_world_frame() -> None:
+    reference = Georeference(32632, (691000.0, 5334000.0, 500.0))
+    t = np.linspace(0, 4, 401)
+    p = np.stack([60 * t, 8 * np.sin(t), 500 + 0 * t], axis=1)
+    rph = np.stack([0.1 * np.sin(t), 0.05 * np.cos(t), 0.02 * t + 1.5], axis=1)
+    moving = Trajectory(t, Pose(body_rotation(rph, reference.convergence(p)), p))
+    velocity_n = np.einsum("nji,nj->ni", rotation_map_from_navigation(reference.convergence(p)), moving.velocity(t))
+    solution = NavigationSolution(
+        t, reference.to_crs(p), rph, velocity_n, np.full(3, 0.05), np.full(3, 1e-4), np.full(3, 0.005)
+    )
+    nav, inner = Navigation.from_solution(solution, reference), slice(5, -5)
+    np.testing.assert_allclose(nav.T_wb.t, p, atol=1e-6)
+    np.testing.assert_allclose(nav.T_wb.R, moving.T_wb.R, atol=1e-9)
+    np.testing.assert_allclose(nav.velocity_w, moving.velocity(t), atol=1e-9)
+    rate_b = np.einsum("nji,nj->ni", moving.T_wb.R, moving.angular_rate(t))
+    # third derivative times half the span squared over 6: 0.1 * 0.05² / 6
+    np.testing.assert_allclose(nav.rate_b[inner], rate_b[inner], atol=1e-4)
 
 
 def test_wrong_input_is_refused() -> None:
