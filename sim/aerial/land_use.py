@@ -21,18 +21,21 @@ Block = Literal["fields", "suburb", "inner_city", "park", "commerce"]
 _LARGEST_BUILT_M2 = 45000.0
 _FIELD_M2 = 30000.0
 WALK_M = 2.6
+Bay = tuple[float, float, float]
+"""A parking bay: x, y of its middle [m] and the heading [rad] of who drives in."""
 
 
 @dataclass
 class Land:
-    """What has been laid out so far: covers, footprints, and trees (x, y, radius, height) near and in woods."""
+    """What has been laid out so far: covers, footprints, and trees (x, y, radius, height) near and in woods,
+    and parking bays."""
 
     season: Season
     covers: list[tuple[Any, Material]] = field(default_factory=list)
     footprints: list[Footprint] = field(default_factory=list)
     trees: list[tuple[float, float, float, float]] = field(default_factory=list)
     wood: list[tuple[float, float, float, float]] = field(default_factory=list)
-    lots: list[tuple[Any, float]] = field(default_factory=list)
+    bays: list[Bay] = field(default_factory=list)
 
     def cover(self, shape: Any, name: str, rng: np.random.Generator | None = None) -> None:
         if not shape.is_empty:
@@ -112,7 +115,7 @@ def _fields(land: Land, shape: Any, rng: np.random.Generator) -> None:
         if draw < 0.10 and plot.area > 2500:
             wood = plot.buffer(-8).buffer(6)
             land.cover(wood, "forest", rng)
-            _scatter(land.wood, wood, 26.0, (2.4, 4.6), (9.0, 19.0), rng)
+            _scatter(land.wood, wood, 17.0, (2.2, 4.4), (9.0, 17.0), rng)
         elif draw < 0.13 and plot.area > 6000:
             middle = plot.representative_point()
             pond = shapely.affinity.scale(middle.buffer(rng.uniform(15, 32)), 1.0, rng.uniform(0.5, 1.0))
@@ -204,8 +207,8 @@ def _suburb(land: Land, shape: Any, rng: np.random.Generator) -> None:
         land.footprints.append(_footprint(house, float(rng.choice([3.4, 4.5, 6.2, 6.5]))))
         land.cover(shapely.intersection(_house(p, d, (0.6, -1.0), (3.0, front + 7.0)), shape), "yard")
         land.cover(shapely.intersection(house.buffer(1.0, join_style="mitre"), shape), "paving")
-        if rng.random() < 0.4:
-            land.lots.append((_house(p, d, (0.85, 0.6), (2.5, 5.2)), float(np.arctan2(d[1], d[0]) + np.pi / 2)))
+        if front > 6.2:
+            land.bays.append(_bay(p, d, (0.85, 0.6)))
         n = np.array([-d[1], d[0]])
         if rng.random() < 0.6:
             for s in np.arange(front + 14, 30, 1.3):
@@ -249,25 +252,34 @@ def _commerce(land: Land, shape: Any, rng: np.random.Generator) -> None:
         land.footprints.append(_footprint(hall.simplify(0.3), float(rng.uniform(6.0, 11.0))))
     for other in halves:
         if other is not hall and other.area > 400 and not other.intersects(hall.buffer(3.0)):
-            land.lots += _bays(other, rng)
+            land.bays += _bays(other)
     _scatter(land.trees, shape - room, 90.0, (1.5, 3.0), (4.0, 8.0), rng)
 
 
-def _bays(shape: Any, rng: np.random.Generator) -> list[tuple[Any, float]]:
-    """Parking bays of 2.5 x 5 m in double rows along the shape's longer side, and how cars stand in them."""
-    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shape))[:4]
+def _bay(p: Array, d: Array, at: tuple[float, float]) -> Bay:
+    """A bay of 2.5 x 5 m at (along, into the parcel) of a frontage, entered along it."""
+    n = np.array([-d[1], d[0]])
+    x, y = p + (at[0] + 1.25) * d + (at[1] + 2.5) * n
+    return float(x), float(y), float(np.arctan2(n[0], n[1]))
+
+
+def _bays(shape: Any) -> list[Bay]:
+    """Bays in double rows along the shape's longer side, an aisle of 5 m between them."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shapely.orient_polygons(shape)))[:4]
     sides = np.roll(corners, -1, axis=0) - corners
     long = int(np.hypot(*sides[1]) > np.hypot(*sides[0]))
     d = sides[long] / np.hypot(*sides[long])
+    n = np.array([-d[1], d[0]])
     p, width, length = corners[long], float(np.hypot(*sides[1 - long])), float(np.hypot(*sides[long]))
+    if not shapely.minimum_rotated_rectangle(shape).buffer(0.1).contains(shapely.Point(p + d + n)):
+        n, p = -n, p
     room = shape.buffer(-0.5)
     out = []
     for row, across in enumerate(np.arange(1.0, width - 5.0, 5.0)):
         if row % 3 == 2:
             continue
         for s in np.arange(1.0, length - 3.0, 2.5):
-            bay = _house(p, d, (float(s), float(across + row // 3)), (2.5, 5.0))
-            if room.contains(bay):
-                turned = np.pi if rng.random() < 0.5 else 0.0
-                out.append((bay, float(np.arctan2(d[1], d[0]) + np.pi / 2 + turned)))
+            centre = p + (s + 1.25) * d + (across + 2.5) * n
+            if room.contains(shapely.Point(centre).buffer(2.8)):
+                out.append((float(centre[0]), float(centre[1]), float(np.arctan2(n[0], n[1]))))
     return out

@@ -12,6 +12,7 @@ from sim.aerial.kernels import compiled, threaded
 Array = np.ndarray
 # Metres per texel of the noise fields: grain as the map's pixels, then these.
 MID_M, COARSE_M = 0.45, 5.3
+_TRAMLINES_M = 21.0
 
 
 @compiled
@@ -64,6 +65,10 @@ def colour(
             if m[7] > 0:
                 phase = (x * m[9] - y * m[8]) / m[10] + 0.12 * middle
                 light += m[7] * np.sin(6.2831853 * phase)
+                # Tramlines: two wheel tracks every so many rows.
+                lane = (phase * m[10]) % _TRAMLINES_M
+                if lane < 0.45 or 1.8 < lane < 2.25:
+                    light -= 0.8 * m[7] + 0.05
             r = m[0] * light * (1 + m[6] * other)
             g = m[1] * light
             b = m[2] * light * (1 - m[6] * other)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from sim.aerial.ground import DRAWN_WIDER_M, Strip
 from sim.roads import Road, RoadNetwork, markings, offset_line
@@ -16,8 +17,8 @@ from sim.roads.lanes import lane_borders
 Array = np.ndarray
 _CORNER_M = 6.0
 # sRGB code values of asphalt: old and light, new and dark.
-_TONES = (102, 130)
-_KERB_TONE, _KERB_M = 152, 0.18
+_TONES = (114, 138)
+_KERB_TONE, _KERB_M = 165, 0.18
 _TRACK_OFF_M, _TRACK_M = 0.85, 0.6
 _TRACK, _OIL = 22, -20
 
@@ -34,11 +35,12 @@ class RoadSurface:
 
 def road_surface(network: RoadNetwork, built_up: Any, rng: np.random.Generator) -> RoadSurface:
     """The surface of a network; kerbs lie where it runs through the built-up area (a shape)."""
-    shapes = [shapely.LineString(r.line_m).buffer(r.width_m / 2, quad_segs=6) for r in network.edges]
-    tones = rng.integers(*_TONES, len(shapes))
+    shapes = [shapely.LineString(r.line_m).buffer(r.width_m / 2, cap_style="flat") for r in network.edges]
+    tones = _tones(network, rng)
     strips = [Strip(s, int(t), _strokes(r)) for s, t, r in zip(shapes, tones, network.edges, strict=True)]
-    corners = [Strip(c, int(rng.integers(*_TONES))) for c in _corners(network, shapes)]
-    pavement = shapely.union_all([s.shape for s in (*corners, *strips)])
+    below, above = _nodes(network, shapes, tones)
+    strips = [*below, *strips, *above]
+    pavement = shapely.union_all([s.shape for s in strips])
     wear = [w for road in network.edges for w in _wear(road, rng)]
     for part in shapely.get_parts(shapely.intersection(pavement.boundary, built_up)):
         if part.geom_type == "LineString":
@@ -46,23 +48,41 @@ def road_surface(network: RoadNetwork, built_up: Any, rng: np.random.Generator) 
     paint = [
         shapely.LineString(m.line_m).buffer(m.width_m / 2 - DRAWN_WIDER_M, cap_style="flat") for m in markings(network)
     ]
-    return RoadSurface((*corners, *strips), tuple(wear), tuple(paint), pavement)
+    return RoadSurface(tuple(strips), tuple(wear), tuple(paint), pavement)
 
 
-def _corners(network: RoadNetwork, shapes: list[Any]) -> list[Any]:
-    """Pavement that rounds the corners of junctions."""
-    tree = shapely.STRtree(shapes)
-    out = []
-    for node in np.flatnonzero(network.degree >= 3):
-        at = shapely.Point(network.nodes_m[node]).buffer(45.0)
-        meeting = [e for e in np.flatnonzero((network.ends == node).any(axis=1)) if network.edges[e].road_class >= 2]
-        near = [shapes[k] for k in tree.query(at) if k in meeting]
-        if len(near) < 2:
+def _tones(network: RoadNetwork, rng: np.random.Generator) -> Int[Array, "k"]:
+    """One tone for all edges of a street of a name, a little different on every edge."""
+    of_name = {name: int(rng.integers(*_TONES)) for name in sorted({r.name for r in network.edges})}
+    return np.array([of_name[r.name] if r.name else rng.integers(*_TONES) for r in network.edges], int) + rng.integers(
+        -4, 5, len(network.edges)
+    )
+
+
+def _nodes(network: RoadNetwork, shapes: list[Any], tones: Int[Array, "k"]) -> tuple[list[Strip], list[Strip]]:
+    """Pavement below and above the edges at nodes: bends and corners made round; where arms overlap."""
+    below, above = [], []
+    for node in range(len(network.nodes_m)):
+        arms = np.flatnonzero((network.ends == node).any(axis=1))
+        if not len(arms):
             continue
-        arms = shapely.intersection(shapely.union_all(near), at)
-        closed = arms.buffer(_CORNER_M, quad_segs=6).buffer(-_CORNER_M, quad_segs=6)
-        out.append(shapely.intersection(closed, shapely.Point(network.nodes_m[node]).buffer(38.0)))
-    return out
+        tone, at = int(tones[arms].mean()), shapely.Point(network.nodes_m[node])
+        wide = max(network.edges[e].width_m for e in arms)
+        if len(arms) == 2 or (len(arms) == 1 and network.edges[arms[0]].road_class == 4):
+            below.append(Strip(at.buffer(min(network.edges[e].width_m for e in arms) / 2), tone))
+        minor = [e for e in arms if network.edges[e].road_class >= 2]
+        if len(arms) < 3 or len(minor) < 2:
+            continue
+        near = at.buffer(wide / 2 + 4 * _CORNER_M)
+        cut = [shapely.intersection(shapes[e], near) for e in arms]
+        whole = shapely.union_all(cut)
+        closed = whole.buffer(_CORNER_M, quad_segs=6).buffer(-_CORNER_M, quad_segs=6)
+        below.append(Strip(shapely.union(closed, whole), tone))
+        overlaps = [shapely.intersection(a, b) for a, b in combinations(cut, 2)]
+        core = shapely.intersection(shapely.union_all(overlaps).convex_hull, closed)
+        if core.geom_type in ("Polygon", "MultiPolygon") and not core.is_empty:
+            above.append(Strip(core, tone))
+    return below, above
 
 
 def _strokes(road: Road) -> tuple[tuple[Float[Array, "n 2"], float, int], ...]:

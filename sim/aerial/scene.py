@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import shapely
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from sim.aerial import buildings, trees, vehicles
 from sim.aerial.ground import GroundPlan, PaintedGround
@@ -18,6 +18,7 @@ from sim.aerial.materials import Season, material
 from sim.aerial.road_surface import RoadSurface, road_surface
 from sim.aerial.sunlight import Sunlight
 from sim.aerial.traffic_state import VehicleStates
+from sim.aerial_traffic import Traffic
 from sim.buildings_map import Footprint
 from sim.meshes import VEHICLE_KINDS
 from sim.meshes.shapes import SHAPES
@@ -28,7 +29,8 @@ from sim.terrain import Bounds, ElevationGrid
 
 Array = np.ndarray
 _SNOW = 0.75
-Traffic = Callable[[float], VehicleStates]
+_OCCUPIED = 0.55
+_CARS = ("sedan", "hatchback", "estate", "van")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,8 @@ class AerialWorld:
     """What an aerial world is made from; the same spec gives the same world.
 
     ``bounds_m`` is what is furnished, and lies on the terrain. ``style`` says what stands on blocks between small
-    streets; with ``footprints`` (of a map) these stand there instead. ``traffic`` gives the vehicles at a time [s].
+    streets; with ``footprints`` (of a map) these stand there instead. ``traffic`` drives
+    on the roads; more cars stand in bays between them.
     """
 
     terrain: ElevationGrid
@@ -68,10 +71,25 @@ class AerialScene:
     library: Library
     standing: Instances
     footprints: tuple[Footprint, ...]
+    parked: VehicleStates
+    paint: Float[Array, "n 3"]
 
     def vehicles(self, t_s: float) -> VehicleStates:
-        """Vehicles at a time."""
-        return self.world.traffic(t_s) if self.world.traffic is not None else _no_vehicles()
+        """Vehicles at a time: those of the traffic that are there, by their numbers, then those in bays."""
+        traffic = self.world.traffic
+        if traffic is None:
+            return self.parked
+        now = traffic.at(t_s)
+        there = np.flatnonzero(now.present)
+        return VehicleStates(
+            there,
+            kind_numbers(traffic.kind)[there],
+            now.centre_m[there],
+            np.arctan2(now.direction[there, 0], now.direction[there, 1]),
+            now.speed_mps[there],
+            traffic.size_m[there],
+            self.paint[there],
+        ).joined(self.parked)
 
     def placed(self, states: VehicleStates) -> Instances:
         """Vehicles on the ground, leaning with it; the kind's mesh scaled to the vehicle's size."""
@@ -90,11 +108,9 @@ class AerialScene:
         return Instances(kind, places(R * scale[:, None, :], t), states.paint)
 
 
-def _no_vehicles() -> VehicleStates:
-    zero = np.zeros(0)
-    return VehicleStates(
-        np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), zero, zero, np.zeros((0, 3)), np.zeros((0, 3))
-    )
+def kind_numbers(kinds: Sequence[str]) -> Int[Array, "n"]:
+    """Indices into `sim.meshes.VEHICLE_KINDS`."""
+    return np.array([VEHICLE_KINDS.index(k) for k in kinds], int)
 
 
 def build(world: AerialWorld) -> AerialScene:
@@ -113,7 +129,27 @@ def build(world: AerialWorld) -> AerialScene:
     )
     ground = PaintedGround(plan, world.bounds_m, stream(world.seed, 0, "aerial/ground"))
     library, standing = _models(world, footprints, land)
-    return AerialScene(world, ground, library, standing, footprints)
+    driving = () if world.traffic is None else world.traffic.kind
+    paint = vehicles.draw_paints(driving, stream(world.seed, 0, "aerial/paint"))
+    return AerialScene(world, ground, library, standing, footprints, _parked(world, land, len(driving)), paint)
+
+
+def _parked(world: AerialWorld, land: Land, first: int) -> VehicleStates:
+    """Cars in bays, some of them backed in, with numbers from ``first`` on."""
+    rng = stream(world.seed, 0, "aerial/parked")
+    bays = np.reshape(land.bays, (-1, 3))
+    bays = bays[(rng.random(len(bays)) < _OCCUPIED) & world.terrain.contains(bays[:, :2])]
+    n = len(bays)
+    kinds = [_CARS[k] for k in rng.integers(len(_CARS), size=n)]
+    return VehicleStates(
+        first + np.arange(n),
+        kind_numbers(kinds),
+        bays[:, :2] + rng.normal(0, 0.08, (n, 2)),
+        bays[:, 2] + rng.normal(0, 0.02, n) + np.pi * (rng.random(n) < 0.4),
+        np.zeros(n),
+        np.array([SHAPES[k].size_m for k in kinds], float).reshape(-1, 3),
+        vehicles.draw_paints(kinds, rng),
+    )
 
 
 def _lay_out(world: AerialWorld, land: Land, rng: np.random.Generator) -> RoadSurface:

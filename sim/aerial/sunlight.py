@@ -27,7 +27,7 @@ class Sunlight:
     elevation_deg: float = 48.0
     sky: float = 0.24
     visibility_m: float = 45000.0
-    white: float = 0.92
+    white: float = 1.05
     balance: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     def __post_init__(self) -> None:

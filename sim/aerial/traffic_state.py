@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -33,3 +33,11 @@ class VehicleStates:
 
     def __len__(self) -> int:
         return len(self.number)
+
+    def of(self, chosen: Int[Array, "m"]) -> VehicleStates:
+        """The chosen vehicles alone."""
+        return VehicleStates(*(getattr(self, f.name)[chosen] for f in fields(self)))
+
+    def joined(self, other: VehicleStates) -> VehicleStates:
+        """These vehicles, then others."""
+        return VehicleStates(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))

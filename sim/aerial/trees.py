@@ -12,13 +12,13 @@ Array = np.ndarray
 SHAPES = 8
 """Different crowns; each once fine and once coarse."""
 _TEXTURE_M = 6.0
-_DETAIL = ((30, 13), (16, 8))
+_DETAIL = ((44, 20), (28, 13))
 
 
 def foliage(rng: np.random.Generator, size: int = 256) -> Texture:
     """Leaves in light and gaps, all of it paint."""
     fine, mid = noise((size, size), 0.9, rng), noise((size, size), 1.9, rng)
-    light = np.exp(0.30 * fine + 0.16 * mid)
+    light = np.exp(0.42 * fine + 0.22 * mid)
     texels = np.zeros((size, size, 4), np.float32)
     texels[..., 3] = np.clip(light, 0.2, 3.0)
     texels[..., 0] = 0.006 * np.clip(mid, 0, 2)
@@ -33,12 +33,12 @@ def crowns(rng: np.random.Generator, texture: int) -> list[Mesh]:
 
 def _crown(rng: np.random.Generator, around: int, rings: int, texture: int) -> Mesh:
     """Star-shaped surface of a union of balls around the crown's middle, with the balls' own normals."""
-    count = int(rng.integers(14, 24))
+    count = int(rng.integers(22, 38))
     angle = rng.uniform(0, 2 * np.pi, count)
     up = rng.uniform(-0.45, 1.0, count)
-    reach = np.sqrt(np.clip(1 - (0.75 * up) ** 2, 0.1, 1)) * rng.uniform(0.45, 0.72, count)
+    reach = np.sqrt(np.clip(1 - (0.75 * up) ** 2, 0.1, 1)) * rng.uniform(0.50, 0.82, count)
     ball = np.stack([reach * np.cos(angle), reach * np.sin(angle), 0.55 * up], axis=-1)
-    radius = rng.uniform(0.26, 0.44, count)
+    radius = rng.uniform(0.16, 0.36, count)
     ball = np.concatenate([ball, [[0.0, 0.0, 0.0]]])
     radius = np.concatenate([radius, [0.55]])
     theta = np.linspace(0.0, 0.86 * np.pi, rings)
@@ -58,7 +58,7 @@ def _crown(rng: np.random.Generator, around: int, rings: int, texture: int) -> M
     exit_ = np.where(root > 0, along + np.sqrt(np.maximum(root, 0)), 0.0)
     owner = np.argmax(exit_, axis=1)
     r = np.take_along_axis(exit_, owner[:, None], axis=1)
-    r *= rng.uniform(0.93, 1.05, r.shape)
+    r *= rng.uniform(1 - 0.003 * around, 1 + 0.002 * around, r.shape)
     p = d * r
     n = p - ball[owner]
     n = n / np.linalg.norm(n, axis=1, keepdims=True) + 0.45 * d + 0.25 * rng.standard_normal(d.shape)
@@ -85,6 +85,6 @@ def paints(count: int, rng: np.random.Generator, season: str) -> Float[Array, "n
     if season == "winter":
         base = np.array([0.075, 0.066, 0.055])
         return np.asarray(base * rng.uniform(0.7, 1.5, (count, 1)) * rng.uniform(0.95, 1.05, (count, 3)), np.float32)
-    kinds = np.array([[0.040, 0.064, 0.020], [0.028, 0.048, 0.018], [0.058, 0.078, 0.022], [0.045, 0.028, 0.022]])
+    kinds = np.array([[0.058, 0.082, 0.032], [0.042, 0.064, 0.028], [0.078, 0.098, 0.036], [0.060, 0.038, 0.034]])
     drawn = kinds[rng.choice(4, count, p=[0.5, 0.32, 0.15, 0.03])]
     return np.asarray(drawn * rng.uniform(0.75, 1.25, (count, 1)) * rng.uniform(0.94, 1.06, (count, 3)), np.float32)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import shapely
@@ -46,6 +48,15 @@ def plate(size_m: float, z: float = 0.0) -> Mesh:
     return polygon(np.array([[-h, -h, z], [h, -h, z], [h, h, z], [-h, h, z]]), np.full((4, 2), 0.5), 0)
 
 
+def vehicle(xy: tuple[float, float] = (0.0, 0.0), n: int = 1) -> VehicleStates:
+    """A parked sedan of the number 7, or none."""
+    size = np.tile(SHAPES["sedan"].size_m, (n, 1))
+    heading, speed = np.full(n, 0.4), np.zeros(n)
+    return VehicleStates(
+        np.full(n, 7), np.zeros(n, int), np.tile(xy, (n, 1)).astype(float), heading, speed, size, np.full((n, 3), 0.5)
+    )
+
+
 def scene(
     paint: tuple[object, ...] = (),
     meshes: tuple[Mesh, ...] = (),
@@ -55,7 +66,6 @@ def scene(
     """A dark world with white markers and plates, lit from everywhere."""
     world = AerialWorld(
         terrain(), RoadNetwork.of([]), BOUNDS, sunlight=Sunlight(sky=1.0, visibility_m=1e9),
-        traffic=None if states is None else lambda _: states,
     )  # fmt: skip
     strip = Strip(shapely.box(*BOUNDS), 60)
     plan = GroundPlan(DARK, (), (strip,) if paint else (), (), paint, worn_paint=0.0)
@@ -67,7 +77,8 @@ def scene(
         places(np.broadcast_to(np.eye(3), (n, 3, 3)), np.reshape(at if n else [], (-1, 3))),
         np.zeros((n, 3)),
     )
-    return AerialScene(world, ground, library, standing, ())
+    none = np.zeros((0, 3), np.float32)
+    return AerialScene(world, ground, library, standing, (), states or vehicle(n=0), none)
 
 
 def centroids(image: Array, near: Array, radius: int = 10) -> Array:
@@ -124,14 +135,6 @@ def test_depth_is_that_of_the_ground_and_of_what_stands_on_it() -> None:
     np.testing.assert_allclose(level[plate_], 30.0, atol=5e-4)  # single precision of 1/depth
 
 
-def vehicle(xy: tuple[float, float], number: int = 7) -> VehicleStates:
-    one = np.ones(1)
-    size = np.array([SHAPES["sedan"].size_m])
-    return VehicleStates(
-        np.array([number]), np.zeros(1, int), np.array([xy]), 0.4 * one, 10 * one, size, np.full((1, 3), 0.5)
-    )
-
-
 def test_a_vehicle_is_seen_where_it_is_and_as_far_as_nothing_hides_it() -> None:
     middle = markers()[12]
     state = vehicle((float(middle[0]), float(middle[1])))
@@ -162,7 +165,7 @@ def test_shadows_lie_where_the_sun_throws_them() -> None:
     base = scene((), (plate(2.0),), at)
     sun = Sunlight(azimuth_deg=180.0, elevation_deg=45.0, sky=0.2, visibility_m=1e9)
     world = AerialWorld(base.world.terrain, base.world.roads, BOUNDS, sunlight=sun)
-    image = render(AerialScene(world, base.ground, base.library, base.standing, ()), CAMERA, T_WC, samples=2)
+    image = render(replace(base, world=world), CAMERA, T_WC, samples=2)
     u, v = np.round(CAMERA.project(T_WC.inv().apply(ground))).astype(int)
     lit = np.median(image)
     assert image[v, u].mean() < 0.6 * lit

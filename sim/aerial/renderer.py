@@ -110,15 +110,8 @@ def measure(scene: AerialScene, camera: Camera, T_wc: Pose, t_s: float = 0.0) ->
     table = np.concatenate([np.full(first, -3), number, [-2, -1]]).astype(np.int32)
     shown = np.flatnonzero(whole > 0)
     hidden = 1 - seen[shown] / whole[shown]
-    states = _chosen(view.states, view.vehicles[shown])
+    states = view.states.of(view.vehicles[shown])
     return AerialTruth(depth, table[owner], VisibleVehicles(states, seen[shown], np.clip(hidden, 0.0, 1.0)))
-
-
-def _chosen(s: VehicleStates, which: Array) -> VehicleStates:
-    return VehicleStates(
-        s.number[which], s.kind[which], s.xy_m[which], s.heading[which], s.speed_mps[which], s.size_m[which],
-        s.paint[which],
-    )  # fmt: skip
 
 
 def _only_vehicles(view: _View, first: int, camera: Camera) -> tuple[Array, Array, Array]:
