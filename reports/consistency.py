@@ -100,10 +100,10 @@ def cramer_rao(truth: Truth, tracks: Tracks, c: WindowComparison, known: Known |
 
     Fisher information of the image coordinates at the true geometry with the injected noise: ``W = J' J / sigma²`` with
     J the Jacobian of the projection. NaN where the rows do not determine it or the noise is zero. ``known`` makes of
-    the times, the ego poses and the true poses the conditions that an estimator takes for granted. NaN where earlier
-    observations entered as well, and with them what a filter believes of the motion between: no bound of the window.
+    the times, the ego poses and the true poses the conditions that an estimator takes for granted. NaN for recursive
+    estimates: observations before the window entered, and what a filter believes of the motion between them.
     """
-    if c.window.oldest < c.window.frames[0]:
+    if c.window.since >= 0:
         return NO_BOUND
     frames = c.window.frames
     rows = np.isin(tracks.frame, frames) & np.isin(tracks.track, c.track) & (truth.labels.kind == INLIER)
