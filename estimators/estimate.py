@@ -42,8 +42,7 @@ class WindowEstimate:
     sigma_0 estimated standard deviation of unit weight (2.1.22), redundancy, iterations; cost v'Wv.
     ``cov`` is that of the *stated* sigmas (variance factor 1). rejected (q,) tracks taken for outliers and left out;
     second_group (g,) those of them that move together as another rigid body. datum (3,) tracks that define the object
-    frame, none for the inner datum. since: first frame whose observations entered a recursive estimate; -1 where they are
-    those of the window.
+    frame, none for the inner datum. since: first frame whose observations entered a recursive estimate, of others -1.
     """
 
     frames: Int[np.ndarray, "m"]
