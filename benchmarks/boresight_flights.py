@@ -27,7 +27,8 @@ class Conditions:
     """A flight: for each of ``lines`` (heading [deg], height [m]) ``images`` exposures over ``gcps`` control points.
 
     sigma_* are injected and stated alike, but vibration_deg (per image and axis), which is only stated where
-    ``vibration_stated``; ``is_exact`` states them and injects none. rate_dps is that of each axis. The clean
+    ``vibration_stated``; ``is_exact`` states them and injects none. rate_dps is that of each axis,
+    constant_share that of the variance of navigation that all images have in common. The clean
     conditions: post-processed navigation of Table 3.1 at its best.
     """
 
@@ -45,6 +46,7 @@ class Conditions:
     time_offset_s: float = 0.0
     gnss_offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rate_dps: float = 0.2
+    constant_share: float = 0.0
     is_exact: bool = False
 
 
@@ -78,16 +80,15 @@ def fly(conditions: Conditions, rng: np.random.Generator, camera: Camera = ANTAR
     vibration = np.deg2rad(c.vibration_deg) if c.vibration_stated else 0.0
     sigma_rph = np.hypot(np.deg2rad(c.sigma_rph_deg), vibration)
     sigma_true = np.hypot(np.deg2rad(c.sigma_rph_deg), np.deg2rad(c.vibration_deg))
-    R = T_wb.R @ exp_so3(rng.normal(0, noise, (c.images, 3)) * sigma_true) @ exp_so3(-rate * c.time_offset_s)
-    t = (
-        position
-        - velocity * c.time_offset_s
-        + truth.gnss_offset_w
-        + rng.normal(0, noise * c.sigma_gnss_m, (c.images, 3))
-    )
-    navigation = Navigation(
-        10.0 * np.arange(c.images), Pose(R, t), velocity, rate, sigma_rph, np.full(3, c.sigma_gnss_m)
-    )
+    own, shared = noise * np.sqrt(1 - c.constant_share), noise * np.sqrt(c.constant_share)
+    attitude = own * rng.normal(0, 1, (c.images, 3)) * sigma_true
+    t = position - velocity * c.time_offset_s + truth.gnss_offset_w + own * rng.normal(0, c.sigma_gnss_m, (c.images, 3))
+    if shared:
+        attitude += shared * rng.normal(0, 1, 3) * sigma_true
+        t += shared * rng.normal(0, c.sigma_gnss_m, 3)
+    R = T_wb.R @ exp_so3(attitude) @ exp_so3(-rate * c.time_offset_s)
+    sigmas = sigma_rph, np.full(3, c.sigma_gnss_m)
+    navigation = Navigation(10.0 * np.arange(c.images), Pose(R, t), velocity, rate, *sigmas, c.constant_share)
     control = ControlPoints(X + rng.normal(0, noise * c.sigma_gcp_m, X.shape), c.sigma_gcp_m)
     nominal = Mounting(MOUNTING.boresight + np.deg2rad([0.5, 0.5, -0.8]), MOUNTING.lever_b)
     return Flight(points, control, navigation, nominal, truth, T_wc, X)

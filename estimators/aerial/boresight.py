@@ -85,7 +85,8 @@ class BoresightEstimate:
     """Boresight and other unknowns that all images share, adjusted together.
 
     names (c,), x (c,), cov (c, c): omega, phi, kappa [rad], then those asked for of lever arm [m], time offset [s],
-    GNSS offset [m]; cov is that of the stated sigmas (variance factor 1), sigma_0 says how well they fit.
+    GNSS offset [m]; cov is that of the stated sigmas (variance factor 1), sigma_0 says how well they fit. ``common``
+    also holds what was not asked for: as it was given, or the GNSS offset that a constant share of the errors makes.
     T_wc (m,) adjusted camera poses; X_w (n, 3) adjusted points, NaN where no image has them; residuals (k, 2) [px] of
     the measured points that were used; rejected (q, 2) image and point of those left out. rms_px is the root mean
     square distance of points projected by *navigation* and these unknowns (the source's measure; without control by the

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Float
 
-from estimators.aerial.boresight_model import Common, Navigation, navigation_equations
+from estimators.aerial.boresight_model import GNSS_COLUMNS, Common, Navigation, navigation_equations
 from estimators.aerial.resection import ImagePoints, linearise, moved
 from estimators.estimate import EstimationFailed
 from estimators.gauss_markov import Blocks, Reduced, SingularSystem, normal_blocks, reduce_points
@@ -34,7 +34,8 @@ class Block:
     """What is adjusted: measured points of a camera, navigation of its m exposures, and which unknowns are common.
 
     X_w (n, 3) points, known to sigma_X (n,) [m] (infinite: a tie point); weights (k,) of the measured points, 1 but
-    for outliers; columns of `Common` that are estimated.
+    for outliers; columns of `Common` that are estimated. A share of navigation's errors that is constant makes an
+    unknown GNSS offset of known size, whether it is asked for or not.
     """
 
     camera: Camera
@@ -44,6 +45,16 @@ class Block:
     weights: Array
     navigation: Navigation
     columns: list[int]
+
+    @property
+    def hidden(self) -> list[int]:
+        """Columns that are estimated but were not asked for."""
+        return [i for i in GNSS_COLUMNS if self.navigation.constant_share and i not in self.columns]
+
+    def prior(self) -> Array:
+        """Weights (c,) of the values zero of the estimated and the hidden columns."""
+        size = self.navigation.constant_share * self.navigation.sigma_position_m**2
+        return np.concatenate([np.zeros(len(self.columns)), 1 / size if self.hidden else []])
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +143,7 @@ class _Lost(Exception):
 
 def _stepped(block: Block, values: Values, system: _System, dp: Array, dg: Array) -> Values:
     d = np.zeros(10)
-    d[block.columns] = dg
+    d[block.columns + block.hidden] = dg
     X = values.X + system.reduced.points(dp.ravel())
     return Values(moved(values.T_wc, dp), X, values.common.moved(d))
 
@@ -146,15 +157,16 @@ def _linearised(block: Block, values: Values) -> _System:
     blocks = _with_known_points(normal_blocks(p.A, p.B, W, points.uv - p.uv), block, values)
     reduced = reduce_points(points.image, points.point, blocks, m, n)
     e, W_nav = navigation_equations(values.T_wc, block.navigation, values.common), block.navigation.weights()
-    G = e.G[:, :, block.columns]
+    columns, prior = block.columns + block.hidden, block.prior()
+    G = e.G[:, :, columns]
     JW, GW = np.swapaxes(e.J, 1, 2) @ W_nav, np.swapaxes(G, 1, 2) @ W_nav
     return _System(
         reduced,
         reduced.S + scipy.linalg.block_diag(*(JW @ e.J)),
         (JW @ G).reshape(6 * m, -1),
-        (GW @ G).sum(axis=0),
+        (GW @ G).sum(axis=0) + np.diag(prior),
         reduced.rhs - (JW @ e.r[:, :, None]).ravel(),
-        -np.einsum("mci,mi->c", GW, e.r),
+        -np.einsum("mci,mi->c", GW, e.r) - prior * values.common.values()[columns],
     )
 
 
@@ -174,4 +186,9 @@ def _finished(block: Block, values: Values, cov: Array, residuals: Array, iterat
     dX = (values.X - block.X_w)[known] / block.sigma_X[known, None]
     cost = np.sum(block.weights[:, None] * (residuals / block.points.sigma_px) ** 2) + np.sum(dX**2)
     cost += np.einsum("mi,mij,mj->", r, block.navigation.weights(), r)
+    cost += np.sum(block.prior() * values.common.values()[block.columns + block.hidden] ** 2)
+    asked = len(block.columns)
+    cov = cov[:asked, :asked].copy()
+    # A constant error of attitude is a boresight that is not the mounting's.
+    cov[:3, :3] += block.navigation.constant_share * np.diag(block.navigation.sigma_rph**2)
     return Adjusted(values, cov, residuals, float(cost), iterations)

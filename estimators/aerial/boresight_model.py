@@ -42,6 +42,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "time_offset": ("time_offset",),
     "gnss_offset": ("gnss_east", "gnss_north", "gnss_up"),
 }
+GNSS_COLUMNS = (7, 8, 9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,10 +51,11 @@ class Navigation:
 
     t_s (n,) increasing; T_wb (n,) of the IMU (body: forward, right, down) in the world, the meridian convergence
     applied (`sim.angles.body_rotation`); velocity_w (n, 3) [m/s]; rate_b (n, 3) [rad/s]. Stated sigmas of every record:
-    sigma_rph (3,) of roll, pitch, heading [rad], sigma_position_m (3,) east, north, up.
+    sigma_rph (3,) of roll, pitch, heading [rad], sigma_position_m (3,) east, north, up. constant_share is the share of
+    their variances that is the same in all records (alignment, reference station): no number of images averages it.
 
     Raises
-        ValueError: times that do not increase, sigmas that are not positive.
+        ValueError: times that do not increase, sigmas that are not positive, a share outside [0, 1).
     """
 
     t_s: Float[Array, "n"]
@@ -62,6 +64,7 @@ class Navigation:
     rate_b: Float[Array, "n 3"]
     sigma_rph: Float[Array, "3"]
     sigma_position_m: Float[Array, "3"]
+    constant_share: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_fields(self)
@@ -70,12 +73,14 @@ class Navigation:
         for name in ("sigma_rph", "sigma_position_m"):
             if not np.all(getattr(self, name) > 0):
                 raise ValueError(f"Navigation.{name}: expected > 0, got {getattr(self, name).tolist()}")
+        if not 0 <= self.constant_share < 1:
+            raise ValueError(f"Navigation.constant_share: expected [0, 1), got {self.constant_share}")
 
     def __len__(self) -> int:
         return len(self.t_s)
 
     @staticmethod
-    def from_solution(solution: NavigationSolution, reference: Georeference) -> Navigation:
+    def from_solution(solution: NavigationSolution, reference: Georeference, constant_share: float = 0.0) -> Navigation:
         """A post-processed solution in the world frame; rates by differences of attitude over a tenth of a second."""
         p_w = reference.from_crs(solution.geographic)
         convergence = reference.convergence(p_w)
@@ -85,7 +90,8 @@ class Navigation:
         span = max(1, round(_RATE_SPAN_S / 2 / float(np.median(np.diff(t))))) if last else 0
         a, b = np.clip(np.arange(last + 1) - span, 0, last), np.clip(np.arange(last + 1) + span, 0, last)
         rate_b = log_so3(np.swapaxes(R_wb[a], 1, 2) @ R_wb[b]) / np.maximum(t[b] - t[a], 1e-9)[:, None]
-        return Navigation(t, Pose(R_wb, p_w), velocity_w, rate_b, solution.sigma_rph, solution.sigma_position)
+        sigmas = solution.sigma_rph, solution.sigma_position
+        return Navigation(t, Pose(R_wb, p_w), velocity_w, rate_b, *sigmas, constant_share)
 
     def pose(self, t_s: ArrayLike) -> Pose:
         """T_wb at any times, between neighbouring records.
@@ -110,7 +116,7 @@ class Navigation:
         return row, (t - self.t_s[row]) / (self.t_s[row + 1] - self.t_s[row])
 
     def weights(self) -> Float[Array, "n 6 6"]:
-        """Inverse covariance of attitude (rotation in body axes) and position (world axes) of every record.
+        """Inverse covariance of the errors of each record alone: attitude (in body axes) and position (in w).
 
         The sigmas of roll, pitch and heading turn into body axes by the angles themselves.
         """
@@ -124,7 +130,7 @@ class Navigation:
         W = np.zeros((len(self), 6, 6))
         W[:, :3, :3] = np.linalg.inv((E * self.sigma_rph**2) @ np.swapaxes(E, 1, 2))
         W[:, [3, 4, 5], [3, 4, 5]] = self.sigma_position_m**-2
-        return W
+        return W / (1 - self.constant_share)
 
 
 @dataclass(frozen=True, eq=False)

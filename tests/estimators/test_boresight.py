@@ -132,6 +132,22 @@ def test_clean_conditions_meet_their_bounds_with_honest_covariance() -> None:
     assert result.redundancy == 2 * len(f.points) - 3
 
 
+def test_errors_that_all_images_share_enter_the_covariance() -> None:
+    runs, nees, ignored = 40, [], []
+    for run in range(runs):
+        f = flight(Conditions(constant_share=0.5), run)
+        result = adjusted(f)
+        e = error(f, result)
+        nees.append(e @ np.linalg.solve(result.cov, e) / 3)
+        independent = adjusted(replace(f, navigation=replace(f.navigation, constant_share=0.0)))
+        e = error(f, independent)
+        ignored.append(e @ np.linalg.solve(independent.cov, e) / 3)
+    assert abs(np.mean(nees) - 1) < 2.6 * np.sqrt(2 / (3 * runs))  # 99 %
+    assert np.mean(ignored) > 2
+    assert result.names == ("omega", "phi", "kappa")
+    assert np.any(result.common.gnss_offset_w)
+
+
 def test_vibration_and_gnss_errors_give_the_residuals_and_scatter_of_the_source() -> None:
     rms, scatter = [], []
     for run in range(15):
@@ -244,6 +260,8 @@ def test_wrong_input_is_refused() -> None:
     navigation = flight().navigation
     with pytest.raises(ValueError, match="sigma_rph: expected > 0"):
         replace(navigation, sigma_rph=np.zeros(3))
+    with pytest.raises(ValueError, match="constant_share: expected"):
+        replace(navigation, constant_share=1.0)
     with pytest.raises(ValueError, match="strictly increasing"):
         replace(navigation, t_s=navigation.t_s[::-1])
     with pytest.raises(ValueError, match="sigma_m: expected > 0"):
