@@ -127,7 +127,7 @@ def _statistics(block: Block, residuals: Array) -> tuple[Array, Array]:
 
 
 def _reweighted(block: Block, values: Values) -> Adjusted | EstimationFailed:
-    """Adjustments with the weights 1 / (1 + T / s²)² (Geman and McClure) of T per degree of freedom, s² its median."""
+    """Weights 1 / (1 + T / s²)² (Geman and McClure), T per degree of freedom, s² four times its median."""
     solved: Adjusted | EstimationFailed = adjust(block, values)
     for _ in range(_ROUNDS):
         if isinstance(solved, EstimationFailed):
