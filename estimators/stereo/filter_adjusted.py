@@ -23,10 +23,11 @@ def adjusted_start(
 ) -> tuple[State, Float[Array, "e e"]] | EstimationFailed:
     """State with the points of the newest frame of a window, and its covariance, by adjustment of the window.
 
+    Tracks that the robust detector takes for outliers are left out; the filter may take them in again.
     The newest pose is the datum. The twist is that between the first and the newest pose, its covariance that of all
     poses and points, and that of a mean against the value at its end, a third of what the noise adds meanwhile.
     """
-    newest, config = int(window[-1]), Configuration(window=len(window), start_window=len(window))
+    newest, config = int(window[-1]), Configuration(window=len(window), start_window=len(window), outliers="robust")
     w = adjust_window(config, observations, points, newest, window, None)
     if isinstance(w, EstimationFailed):
         return w
