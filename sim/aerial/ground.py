@@ -37,7 +37,7 @@ class Strip:
 
     shape: Any
     tone: int
-    strokes: tuple[tuple[Float[Array, "n 2"], float, int], ...] = ()
+    strokes: tuple[tuple[Float[Array, "_ 2"], float, int], ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class GroundPlan:
     base: Material
     covers: tuple[tuple[Any, Material], ...]
     strips: tuple[Strip, ...]
-    wear: tuple[tuple[Float[Array, "n 2"], float, int], ...]
+    wear: tuple[tuple[Float[Array, "_ 2"], float, int], ...]
     paint: tuple[Any, ...]
     snow: float = 0.0
     worn_paint: float = 1.0

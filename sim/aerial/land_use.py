@@ -21,6 +21,8 @@ Block = Literal["fields", "suburb", "inner_city", "park", "commerce"]
 _LARGEST_BUILT_M2 = 45000.0
 _FIELD_M2 = 30000.0
 WALK_M = 2.6
+# Rows of bays stand so far apart that vans nose to nose do not touch.
+_ROW_M = 5.5
 Bay = tuple[float, float, float]
 """A parking bay: x, y of its middle [m] and the heading [rad] of who drives in."""
 
@@ -28,13 +30,15 @@ Bay = tuple[float, float, float]
 @dataclass
 class Land:
     """What has been laid out so far: covers, footprints, and trees (x, y, radius, height) near and in woods,
-    and parking bays."""
+    and where cars stand in drives and in marked bays."""
 
     season: Season
     covers: list[tuple[Any, Material]] = field(default_factory=list)
     footprints: list[Footprint] = field(default_factory=list)
     trees: list[tuple[float, float, float, float]] = field(default_factory=list)
     wood: list[tuple[float, float, float, float]] = field(default_factory=list)
+    paint: list[Any] = field(default_factory=list)
+    drives: list[Bay] = field(default_factory=list)
     bays: list[Bay] = field(default_factory=list)
 
     def cover(self, shape: Any, name: str, rng: np.random.Generator | None = None) -> None:
@@ -50,8 +54,15 @@ def blocks(network: RoadNetwork, bounds_m: tuple[float, float, float, float]) ->
     return [p for p in shapely.get_parts(shapely.polygonize([whole])) if box.contains(p.representative_point())]
 
 
-def kinds(faces: list[Any], network: RoadNetwork, style: Style, rng: np.random.Generator) -> list[Block]:
-    """What is built on every face: towns lie between small streets, and nothing is built along a motorway."""
+def kinds(
+    faces: list[Any], network: RoadNetwork, style: Style, bounds_m: tuple[float, float, float, float],
+    rng: np.random.Generator,
+) -> list[Block]:  # fmt: skip
+    """What is built on every face: towns lie between small streets, and nothing is built along a motorway.
+
+    What is too large for a block is a park where the town surrounds it, and land where it reaches the bounds.
+    """
+    rim = shapely.box(*bounds_m).boundary
     fast = [shapely.LineString(r.line_m) for r in network.edges if r.road_class <= 1]
     motorway = shapely.union_all(fast).buffer(30.0) if fast else shapely.Polygon()
     local = [shapely.LineString(r.line_m) for r in network.edges if r.road_class >= 2 and "exit" not in r.name]
@@ -59,9 +70,9 @@ def kinds(faces: list[Any], network: RoadNetwork, style: Style, rng: np.random.G
     out: list[Block] = []
     for face in faces:
         along = shapely.intersection(face.boundary, streets).length / face.boundary.length
-        if style == "country" or face.area > _LARGEST_BUILT_M2 or along < 0.8 or motorway.intersects(face):
+        if style == "country" or rim.distance(face) < 1.0 or motorway.intersects(face):
             out.append("fields")
-        elif rng.random() < 0.07:
+        elif face.area > _LARGEST_BUILT_M2 or along < 0.8 or rng.random() < 0.07:
             out.append("park")
         elif rng.random() < (0.10 if style == "suburb" else 0.05):
             out.append("commerce")
@@ -208,7 +219,7 @@ def _suburb(land: Land, shape: Any, rng: np.random.Generator) -> None:
         land.cover(shapely.intersection(_house(p, d, (0.6, -1.0), (3.0, front + 7.0)), shape), "yard")
         land.cover(shapely.intersection(house.buffer(1.0, join_style="mitre"), shape), "paving")
         if front > 6.2:
-            land.bays.append(_bay(p, d, (0.85, 0.6)))
+            land.drives.append(_bay(p, d, (0.85, 0.6)))
         n = np.array([-d[1], d[0]])
         if rng.random() < 0.6:
             for s in np.arange(front + 14, 30, 1.3):
@@ -264,7 +275,7 @@ def _bay(p: Array, d: Array, at: tuple[float, float]) -> Bay:
 
 
 def _bays(shape: Any) -> list[Bay]:
-    """Bays in double rows along the shape's longer side, an aisle of 5 m between them."""
+    """Bays in double rows along the shape's longer side, an aisle between them."""
     corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(shapely.orient_polygons(shape)))[:4]
     sides = np.roll(corners, -1, axis=0) - corners
     long = int(np.hypot(*sides[1]) > np.hypot(*sides[0]))
@@ -275,7 +286,7 @@ def _bays(shape: Any) -> list[Bay]:
         n, p = -n, p
     room = shape.buffer(-0.5)
     out = []
-    for row, across in enumerate(np.arange(1.0, width - 5.0, 5.0)):
+    for row, across in enumerate(np.arange(1.0, width - 5.0, _ROW_M)):
         if row % 3 == 2:
             continue
         for s in np.arange(1.0, length - 3.0, 2.5):

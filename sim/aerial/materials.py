@@ -84,7 +84,7 @@ def material(name: str, season: Season, rng: np.random.Generator | None = None) 
         r, g, b = ((1 - share) * c + share * s for c, s in zip((m.red, m.green, m.blue), _SNOW, strict=True))
         m = replace(
             m, red=r, green=g, blue=b, grain=0.4 * m.grain, mid=0.5 * m.mid, coarse=0.5 * m.coarse, hue=0.005,
-            furrow=0.6 * m.furrow, bare=0.15 * (1 - share) + 0.02,
+            furrow=0.6 * m.furrow, bare=0.04,
         )  # fmt: skip
     return m
 

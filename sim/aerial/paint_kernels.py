@@ -68,7 +68,7 @@ def colour(
                 # Tramlines: two wheel tracks every so many rows.
                 lane = (phase * m[10]) % _TRAMLINES_M
                 if lane < 0.45 or 1.8 < lane < 2.25:
-                    light -= 0.8 * m[7] + 0.05
+                    light -= 1.2 * m[7]
             r = m[0] * light * (1 + m[6] * other)
             g = m[1] * light
             b = m[2] * light * (1 - m[6] * other)
@@ -76,18 +76,19 @@ def colour(
                 bare = min(max((other + 0.7 * middle + 0.3 * fine - 2.4 + 3.0 * m[11]) * 1.2, 0.0), 1.0) * 0.65
                 soil = 0.46 + 0.03 * fine
                 r, g, b = r + bare * (soil - r), g + bare * (0.88 * soil - g), b + bare * (0.72 * soil - b)
+            white = paint[i, j] / 255.0 * min(max(1.15 - 0.25 * worn_paint * (middle + 0.6 * fine), 0.35), 1.0)
+            if white > 0 and snow == 0:
+                r, g, b = r + white * (0.80 - r), g + white * (0.80 - g), b + white * (0.80 - b)
             share = road[i, j] / 255.0
             if share > 0:
                 worn = (track[i, j] - 128.0) / 255.0
                 grey = tone[i, j] / 255.0 * (1 + 0.034 * fine + 0.030 * middle + 0.035 * wide) + worn * 0.25
-                white = paint[i, j] / 255.0
-                fade = min(max(1.15 - 0.25 * worn_paint * (middle + 0.6 * fine), 0.35), 1.0)
                 for k in range(3):
                     surface = grey * rgb[k]
+                    surface += white * (0.84 + 0.02 * fine - surface)
                     if snow > 0:
-                        drift = min(max(snow * (1.0 - 5.0 * max(worn, 0.0)) + 0.15 * middle, 0.0), 1.0)
+                        drift = min(max(snow * (1.0 - 8.0 * max(worn, 0.0)) + 0.15 * middle, 0.0), 1.0)
                         surface += drift * (0.80 + 0.02 * fine - surface)
-                    surface += white * fade * (0.80 * (1 - 0.6 * snow) + 0.02 * fine - surface)
                     if k == 0:
                         r += share * (surface - r)
                     elif k == 1:

@@ -28,7 +28,7 @@ class RoadSurface:
     """What `GroundPlan` wants of the roads, and all pavement as one shape."""
 
     strips: tuple[Strip, ...]
-    wear: tuple[tuple[Float[Array, "n 2"], float, int], ...]
+    wear: tuple[tuple[Float[Array, "_ 2"], float, int], ...]
     paint: tuple[Any, ...]
     pavement: Any
 
@@ -85,7 +85,7 @@ def _nodes(network: RoadNetwork, shapes: list[Any], tones: Int[Array, "k"]) -> t
     return below, above
 
 
-def _strokes(road: Road) -> tuple[tuple[Float[Array, "n 2"], float, int], ...]:
+def _strokes(road: Road) -> tuple[tuple[Float[Array, "_ 2"], float, int], ...]:
     """Wheel tracks, lighter than the rest, and the oil between them."""
     borders = lane_borders(road)
     out = []
@@ -101,7 +101,7 @@ def _strokes(road: Road) -> tuple[tuple[Float[Array, "n 2"], float, int], ...]:
     return tuple(out)
 
 
-def _wear(road: Road, rng: np.random.Generator) -> list[tuple[Float[Array, "n 2"], float, int]]:
+def _wear(road: Road, rng: np.random.Generator) -> list[tuple[Float[Array, "_ 2"], float, int]]:
     """Patches, sealed joints across and along, and manholes."""
     out: list[tuple[Array, float, int]] = []
     half = road.width_m / 2

@@ -12,9 +12,10 @@ from jaxtyping import Float, Int
 
 from sim.aerial import buildings, trees, vehicles
 from sim.aerial.ground import GroundPlan, PaintedGround
-from sim.aerial.land_use import WALK_M, Land, Style, blocks, kinds, lay_out
+from sim.aerial.land_use import WALK_M, Bay, Land, Style, blocks, kinds, lay_out
 from sim.aerial.library import Instances, Library, places
 from sim.aerial.materials import Season, material
+from sim.aerial.road_paint import bay_lines, road_paint
 from sim.aerial.road_surface import RoadSurface, road_surface
 from sim.aerial.sunlight import Sunlight
 from sim.aerial.traffic_state import VehicleStates
@@ -22,6 +23,7 @@ from sim.aerial_traffic import Traffic
 from sim.buildings_map import Footprint
 from sim.meshes import VEHICLE_KINDS
 from sim.meshes.shapes import SHAPES
+from sim.overlap import overlapping
 from sim.pose import rot_z
 from sim.roads import RoadNetwork
 from sim.streams import stream
@@ -29,7 +31,7 @@ from sim.terrain import Bounds, ElevationGrid
 
 Array = np.ndarray
 _SNOW = 0.75
-_OCCUPIED = 0.55
+_OCCUPIED, _APART_M = 0.55, 0.1
 _CARS = ("sedan", "hatchback", "estate", "van")
 
 
@@ -119,29 +121,45 @@ def build(world: AerialWorld) -> AerialScene:
     land = Land(world.season)
     surface = _lay_out(world, land, rng)
     footprints = tuple(land.footprints if world.footprints is None else world.footprints)
+    houses = shapely.STRtree([f.polygon for f in footprints])
+    bays = _clear(land.bays, houses)
     plan = GroundPlan(
         base=material("grass", world.season),
         covers=tuple(land.covers),
         strips=surface.strips,
         wear=surface.wear,
-        paint=surface.paint,
+        paint=(*surface.paint, *land.paint, *bay_lines(bays)),
         snow=_SNOW if world.season == "winter" else 0.0,
     )
     ground = PaintedGround(plan, world.bounds_m, stream(world.seed, 0, "aerial/ground"))
     library, standing = _models(world, footprints, land)
     driving = () if world.traffic is None else world.traffic.kind
     paint = vehicles.draw_paints(driving, stream(world.seed, 0, "aerial/paint"))
-    return AerialScene(world, ground, library, standing, footprints, _parked(world, land, len(driving)), paint)
+    return AerialScene(
+        world,
+        ground,
+        library,
+        standing,
+        footprints,
+        _parked(world, np.concatenate([bays, _clear(land.drives, houses)]), len(driving)),
+        paint,
+    )
 
 
-def _parked(world: AerialWorld, land: Land, first: int) -> VehicleStates:
+def _clear(bays: Sequence[Bay], houses: Any) -> Float[Array, "n 3"]:
+    """Bays that no house touches."""
+    rows = np.array(bays, float).reshape(-1, 3)
+    hit = houses.query(shapely.points(rows[:, :2]), predicate="dwithin", distance=3.0)[0] if len(rows) else []
+    return np.delete(rows, np.unique(np.asarray(hit, int)), axis=0)
+
+
+def _parked(world: AerialWorld, bays: Float[Array, "n 3"], first: int) -> VehicleStates:
     """Cars in bays, some of them backed in, with numbers from ``first`` on."""
     rng = stream(world.seed, 0, "aerial/parked")
-    bays = np.reshape(land.bays, (-1, 3))
     bays = bays[(rng.random(len(bays)) < _OCCUPIED) & world.terrain.contains(bays[:, :2])]
     n = len(bays)
     kinds = [_CARS[k] for k in rng.integers(len(_CARS), size=n)]
-    return VehicleStates(
+    cars = VehicleStates(
         first + np.arange(n),
         kind_numbers(kinds),
         bays[:, :2] + rng.normal(0, 0.08, (n, 2)),
@@ -150,14 +168,18 @@ def _parked(world: AerialWorld, land: Land, first: int) -> VehicleStates:
         np.array([SHAPES[k].size_m for k in kinds], float).reshape(-1, 3),
         vehicles.draw_paints(kinds, rng),
     )
+    direction = np.stack([np.sin(cars.heading), np.cos(cars.heading)], axis=-1)
+    touching = overlapping(cars.xy_m, direction, cars.size_m[:, :2] + _APART_M)[:, 1]
+    return cars.of(np.setdiff1d(np.arange(n), touching))
 
 
 def _lay_out(world: AerialWorld, land: Land, rng: np.random.Generator) -> RoadSurface:
     """Covers, houses and trees of all blocks; walks and kerbs along streets in the built-up area."""
     faces = blocks(world.roads, world.bounds_m)
-    kind = kinds(faces, world.roads, world.style, rng)
+    kind = kinds(faces, world.roads, world.style, world.bounds_m, rng)
     built = shapely.union_all([f for f, k in zip(faces, kind, strict=True) if k != "fields"]).buffer(12.0)
     surface = road_surface(world.roads, built, rng)
+    land.paint += road_paint(world.roads, built, rng)
     for face, k in zip(faces, kind, strict=True):
         near = shapely.intersection(surface.pavement, face.buffer(20.0))
         lay_out(land, k, face - near.buffer(WALK_M if k != "fields" else 1.5), rng)
