@@ -65,15 +65,16 @@ def better_table(result: StudyResult, *, first: str = "filter", second: str = "a
     for where, point in situations(result).items():
         for aspect in aspects(result, where, point):
             a, b, apart, low, high = difference(aspect, first, second)
-            row: dict[str, object] = {"situation": where, "aspect": aspect.name, "unit": aspect.unit}
+            unit = "" if aspect.unit == "1" else f" [{aspect.unit}]"
+            row: dict[str, object] = {"situation": where, "aspect": aspect.name + unit}
             row["better"] = verdict(low, high, first, second)
             rows.append(row | {first: a, second: b, "difference": apart, "from": low, "to": high})
     return pd.DataFrame(rows)
 
 
 def verdict(low: float, high: float, first: str, second: str) -> str:
-    """Who is nearer to the best, by the interval of how much farther the first is."""
-    return first if high < 0 else second if low > 0 else "no difference seen"
+    """Who is nearer to the best, by the interval of how much farther the first is; neither where it holds zero."""
+    return first if high < 0 else second if low > 0 else "neither"
 
 
 def aspects(result: StudyResult, where: str, point: str) -> Iterator[Aspect]:

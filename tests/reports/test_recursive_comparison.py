@@ -118,18 +118,18 @@ def test_a_delay_is_the_lag() -> None:
 def test_the_table_says_where_each_is_better(found: StudyResult) -> None:
     table = better_table(found).set_index(["situation", "aspect"])
     says = table["better"]
-    assert says["constant velocity", "bias of depth"] == "filter"
-    assert says["constant velocity", "RMS of position"] == "filter"
+    assert says["constant velocity", "bias of depth [m]"] == "filter"
+    assert says["constant velocity", "RMS of position [m]"] == "filter"
     assert says["constant velocity", "NEES of pose, logarithm"] == "filter"
-    assert says["braking", "lag of speed"] == "adjustment"
-    assert says["turning", "lag of yaw rate"] == "adjustment"
-    assert says["braking", "RMS of speed"] == "adjustment"
-    lag: Any = table.loc[("braking", "lag of speed")]
+    assert says["braking", "lag of speed [s]"] == "adjustment"
+    assert says["turning", "lag of yaw rate [s]"] == "adjustment"
+    assert says["braking", "RMS of speed [m/s]"] == "adjustment"
+    lag: Any = table.loc[("braking", "lag of speed [s]")]
     assert lag["filter"] == pytest.approx(0.1, abs=0.005)
     assert lag["from"] <= lag["difference"] <= lag["to"]
     assert ("20 % wrong tracks", "NEES of pose, logarithm") not in table.index
     itself = better_table(found, first="filter", second="filter")
-    assert set(itself["better"]) == {"no difference seen"}
+    assert set(itself["better"]) == {"neither"}
     with pytest.raises(ValueError, match="found 'x', allowed: filter"):
         better_table(found, first="x")
 
@@ -154,7 +154,7 @@ def test_no_estimate_is_not_settled() -> None:
 def test_verdicts() -> None:
     assert verdict(-2, -1, "a", "b") == "a"
     assert verdict(1, 2, "a", "b") == "b"
-    assert verdict(-1, 2, "a", "b") == "no difference seen"
+    assert verdict(-1, 2, "a", "b") == "neither"
 
 
 def test_statements_on_the_methods(found: StudyResult) -> None:
