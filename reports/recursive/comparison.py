@@ -89,8 +89,8 @@ def aspects(result: StudyResult, where: str, point: str) -> Iterator[Aspect]:
     if where == "constant velocity":
         for quantity, limit in SETTLED.items():
             t_s = curves(result, point, result.estimators[0], quantity).t_s
-            name = f"settling time of {quantity}, RMS below {limit:g}"
-            yield Aspect(name, "s", of(quantity, _squares_over_time, since=0.0), _settled(t_s, limit))
+            sums = of(quantity, _squares_over_time, since=0.0)
+            yield Aspect(f"settling time of {quantity}", "s", sums, _settled(t_s, limit))
         yield Aspect("bias of depth", "m", of("position", _sum, "z"), _mean)
         yield Aspect("bias of speed", "m/s", of("speed", _sum), _mean)
     for quantity, unit in (("position", "m"), ("orientation", "rad"), ("speed", "m/s"), ("yaw_rate", "rad/s")):
