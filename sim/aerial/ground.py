@@ -6,7 +6,6 @@ import math
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import cv2
@@ -141,12 +140,11 @@ class PaintedGround:
         cover = np.zeros((side, side), np.int32)
         for k in self._inside("covers", box):
             board.fill(cover, self._plan.covers[k][0], int(k) + 1)
-        road = np.zeros((side * _FINE, side * _FINE), np.uint8)
         tone = np.full((side, side), 110, np.uint8)
         track = np.full((side, side), _NEUTRAL, np.uint8)
         strips = [self._plan.strips[k] for k in self._inside("strips", box)]
+        road = board.coverage([s.shape for s in strips], side)
         for strip in strips:
-            board.fill(road, strip.shape, 255, _FINE)
             board.fill(tone, strip.shape, strip.tone, grow=True)
         for strip in strips:
             for line, width, change in strip.strokes:
@@ -157,13 +155,11 @@ class PaintedGround:
                 board.stroke(tone, points, width, value)
             else:
                 board.fill(tone, shapely.Polygon(points), value)
-        paint = np.zeros((side * _FINE, side * _FINE), np.uint8)
-        for k in self._inside("paint", box):
-            board.fill(paint, self._plan.paint[k], 255, _FINE)
+        paint = board.coverage([self._plan.paint[k] for k in self._inside("paint", box)], side)
         out = np.empty((side, side, 3), np.uint8)
         kernels.colour(
-            int(first[0]), int(first[1]), PIXEL_M, cover, self._rows, _averaged(road, side),
-            tone, cv2.blur(track, (7, 7)), _averaged(paint, side), self._grain, self._mid, self._coarse,
+            int(first[0]), int(first[1]), PIXEL_M, cover, self._rows, road,
+            tone, cv2.blur(track, (7, 7)), paint, self._grain, self._mid, self._coarse,
             self._plan.snow, self._plan.worn_paint, out,
         )  # fmt: skip
         return out
@@ -171,10 +167,6 @@ class PaintedGround:
     def _inside(self, layer: str, box: Any) -> Int[Array, "k"]:
         """Numbers of the items that meet a box, in their order."""
         return np.asarray(np.sort(self._trees[layer].query(box, predicate="intersects")))
-
-
-def _averaged(fine: Array, side: int) -> UInt8[Array, "h w"]:
-    return np.asarray(cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA))
 
 
 def _shrunk(tile: Array, level: int) -> Array:
@@ -186,11 +178,22 @@ class _Board:
     """Draws shapes in metres on images whose pixel (0, 0) begins at ``low``."""
 
     _SHIFT = 8
+    # Lines are not clipped: so many bits hold some 10 km.
+    _COARSE_SHIFT = 4
 
     def __init__(self, low: Float[Array, "2"], box: Any) -> None:
         self._low = low
         # Fixed-point coordinates overflow far away, and clipping is cheap.
         self._box = box.buffer(8.0)
+
+    def coverage(self, shapes: Sequence[Any], side: int) -> UInt8[Array, "side side"]:
+        """How much of each pixel some shapes cover, 0 to 255."""
+        if not shapes:
+            return np.zeros((side, side), np.uint8)
+        fine = np.zeros((side * _FINE, side * _FINE), np.uint8)
+        for shape in shapes:
+            self.fill(fine, shape, 255, _FINE)
+        return np.asarray(cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA))
 
     def fill(self, image: Array, shape: Any, value: int, fine: int = 1, grow: bool = False) -> None:
         shape = shape.buffer(PIXEL_M) if grow else shape
@@ -201,18 +204,12 @@ class _Board:
                 cv2.fillPoly(image, rings, value, cv2.LINE_8, self._SHIFT)
 
     def stroke(self, image: Array, line: Float[Array, "n 2"], width_m: float, value: int) -> None:
-        clipped = shapely.intersection(shapely.LineString(line), self._box)
-        parts: Sequence[Any] = [p for p in shapely.get_parts(clipped) if p.geom_type == "LineString"]
-        if width_m <= 1.5 * PIXEL_M:
-            points = [self._fixed(shapely.get_coordinates(p), 1) for p in parts]
-            cv2.polylines(image, points, False, value, 1, cv2.LINE_AA, self._SHIFT)
-            return
-        for part in parts:
-            for p, q in pairwise(shapely.get_coordinates(part)):
-                d = (q - p) / max(float(np.hypot(*(q - p))), 1e-9) * width_m / 2
-                n = np.array([-d[1], d[0]])
-                ring = np.array([p - 0.3 * d + n, q + 0.3 * d + n, q + 0.3 * d - n, p - 0.3 * d - n])
-                cv2.fillConvexPoly(image, self._fixed(ring, 1), value, cv2.LINE_8, self._SHIFT)
+        """A polyline of a width in whole pixels, with smooth edges where it is one pixel wide."""
+        points = (line - self._low) / PIXEL_M - 0.5
+        fixed = np.round(points * 2**self._COARSE_SHIFT).astype(np.int32)
+        wide = max(round(width_m / PIXEL_M), 1)
+        kind = cv2.LINE_AA if wide == 1 else cv2.LINE_8
+        cv2.polylines(image, [fixed], False, value, wide, kind, self._COARSE_SHIFT)
 
     def _fixed(self, xy: Array, fine: int) -> Int[Array, "n 2"]:
         pixels = (xy - self._low) / (PIXEL_M / fine) - 0.5

@@ -131,7 +131,7 @@ def build(world: AerialWorld) -> AerialScene:
         paint=(*surface.paint, *land.paint, *bay_lines(bays)),
         snow=_SNOW if world.season == "winter" else 0.0,
     )
-    ground = PaintedGround(plan, world.bounds_m, stream(world.seed, 0, "aerial/ground"))
+    ground = PaintedGround(plan, world.terrain.bounds_m, stream(world.seed, 0, "aerial/ground"))
     library, standing = _models(world, footprints, land)
     driving = () if world.traffic is None else world.traffic.kind
     paint = vehicles.draw_paints(driving, stream(world.seed, 0, "aerial/paint"))
