@@ -22,12 +22,14 @@ Bounds = tuple[float, float, float, float]
 PIXEL_M = 0.10
 TILE_PX = 1024
 _BORDER_PX = 4
-# Coverage of roads and paint is drawn this much finer.
+# Coverage of roads and paint is drawn on pixels this much finer than those of level 0.
 _FINE = 4
 # OpenCV fills every pixel that a polygon touches: half a fine pixel more on every side.
 DRAWN_WIDER_M = PIXEL_M / _FINE / 2
 _LEVELS = 3
 _NEUTRAL = 128
+# Edges of wheel tracks are soft over so many pixels.
+_SOFT_PX = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +80,11 @@ class PaintedGround:
             "paint": shapely.STRtree(list(plan.paint)),
         }
         self._rows = np.stack([plan.base.row(), *(m.row() for _, m in plan.covers)])
-        self._grain = noise((512, 512), 0.5, rng)
+        grain = noise((512, 512), 0.5, rng)
+        # Coarser pixels average the grain.
+        self._grain = [
+            cv2.resize(grain, None, fx=2.0**-k, fy=2.0**-k, interpolation=cv2.INTER_AREA) for k in range(_LEVELS)
+        ]
         self._mid = noise((1024, 1024), 1.7, rng)
         self._coarse = noise((512, 512), 2.2, rng)
         self._pools: dict[int, UInt8[Array, "slots h w 3"]] = {}
@@ -114,7 +120,7 @@ class PaintedGround:
         pool = self._room(level, len(wanted))
         for key in missing:
             slot = len(slots) if len(slots) < len(pool) else slots.popitem(last=False)[1]
-            pool[slot] = _shrunk(self.paint(*key), level)
+            pool[slot] = self.paint(*key, level)
             slots[key] = slot
         for key in wanted:
             table[key] = slots[key]
@@ -130,13 +136,13 @@ class PaintedGround:
             self._pools[level] = pool = larger
         return pool
 
-    def paint(self, row: int, column: int) -> UInt8[Array, "h w 3"]:
-        """One tile with its border at 0.1 m."""
-        side = TILE_PX + 2 * _BORDER_PX
-        first = np.array([self._corner[0] + column, self._corner[1] + row]) * TILE_PX - _BORDER_PX
-        low = first * PIXEL_M
-        box = shapely.box(*low, *(low + side * PIXEL_M))
-        board = _Board(low, box)
+    def paint(self, row: int, column: int, level: int = 0) -> UInt8[Array, "h w 3"]:
+        """One tile with its border."""
+        side, border, pixel_m = (TILE_PX + 2 * _BORDER_PX) >> level, _BORDER_PX >> level, PIXEL_M * 2**level
+        first = np.array([self._corner[0] + column, self._corner[1] + row]) * (TILE_PX >> level) - border
+        low = first * pixel_m
+        box = shapely.box(*low, *(low + side * pixel_m))
+        board = _Board(low, box, pixel_m)
         cover = np.zeros((side, side), np.int32)
         for k in self._inside("covers", box):
             board.fill(cover, self._plan.covers[k][0], int(k) + 1)
@@ -145,7 +151,7 @@ class PaintedGround:
         strips = [self._plan.strips[k] for k in self._inside("strips", box)]
         road = board.coverage([s.shape for s in strips], side)
         for strip in strips:
-            board.fill(tone, strip.shape, strip.tone, grow=True)
+            board.fill(tone, strip.shape.buffer(pixel_m), strip.tone)
         for strip in strips:
             for line, width, change in strip.strokes:
                 board.stroke(track, line, width, _NEUTRAL + change)
@@ -156,22 +162,17 @@ class PaintedGround:
             else:
                 board.fill(tone, shapely.Polygon(points), value)
         paint = board.coverage([self._plan.paint[k] for k in self._inside("paint", box)], side)
+        soft = (_SOFT_PX >> level) | 1
         out = np.empty((side, side, 3), np.uint8)
         kernels.colour(
-            int(first[0]), int(first[1]), PIXEL_M, cover, self._rows, road,
-            tone, cv2.blur(track, (7, 7)), paint, self._grain, self._mid, self._coarse,
-            self._plan.snow, self._plan.worn_paint, out,
+            int(first[0]), int(first[1]), pixel_m, cover, self._rows, road, tone, cv2.blur(track, (soft, soft)), paint,
+            self._grain[level], self._mid, self._coarse, self._plan.snow, self._plan.worn_paint, out,
         )  # fmt: skip
         return out
 
     def _inside(self, layer: str, box: Any) -> Int[Array, "k"]:
         """Numbers of the items that meet a box, in their order."""
         return np.asarray(np.sort(self._trees[layer].query(box, predicate="intersects")))
-
-
-def _shrunk(tile: Array, level: int) -> Array:
-    side = len(tile) >> level
-    return tile if level == 0 else np.asarray(cv2.resize(tile, (side, side), interpolation=cv2.INTER_AREA))
 
 
 class _Board:
@@ -181,8 +182,9 @@ class _Board:
     # Lines are not clipped: so many bits hold some 10 km.
     _COARSE_SHIFT = 4
 
-    def __init__(self, low: Float[Array, "2"], box: Any) -> None:
-        self._low = low
+    def __init__(self, low: Float[Array, "2"], box: Any, pixel_m: float) -> None:
+        self._low, self._pixel_m = low, pixel_m
+        self._fine = _FINE * round(pixel_m / PIXEL_M)
         # Fixed-point coordinates overflow far away, and clipping is cheap.
         self._box = box.buffer(8.0)
 
@@ -190,13 +192,12 @@ class _Board:
         """How much of each pixel some shapes cover, 0 to 255."""
         if not shapes:
             return np.zeros((side, side), np.uint8)
-        fine = np.zeros((side * _FINE, side * _FINE), np.uint8)
+        fine = np.zeros((side * self._fine, side * self._fine), np.uint8)
         for shape in shapes:
-            self.fill(fine, shape, 255, _FINE)
+            self.fill(fine, shape, 255, self._fine)
         return np.asarray(cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA))
 
-    def fill(self, image: Array, shape: Any, value: int, fine: int = 1, grow: bool = False) -> None:
-        shape = shape.buffer(PIXEL_M) if grow else shape
+    def fill(self, image: Array, shape: Any, value: int, fine: int = 1) -> None:
         clipped = shape if self._box.contains(shape) else shapely.intersection(shape, self._box)
         for part in shapely.get_parts(clipped):
             if part.geom_type == "Polygon" and not part.is_empty:
@@ -205,12 +206,12 @@ class _Board:
 
     def stroke(self, image: Array, line: Float[Array, "n 2"], width_m: float, value: int) -> None:
         """A polyline of a width in whole pixels, with smooth edges where it is one pixel wide."""
-        points = (line - self._low) / PIXEL_M - 0.5
+        points = (line - self._low) / self._pixel_m - 0.5
         fixed = np.round(points * 2**self._COARSE_SHIFT).astype(np.int32)
-        wide = max(round(width_m / PIXEL_M), 1)
+        wide = max(round(width_m / self._pixel_m), 1)
         kind = cv2.LINE_AA if wide == 1 else cv2.LINE_8
         cv2.polylines(image, [fixed], False, value, wide, kind, self._COARSE_SHIFT)
 
     def _fixed(self, xy: Array, fine: int) -> Int[Array, "n 2"]:
-        pixels = (xy - self._low) / (PIXEL_M / fine) - 0.5
+        pixels = (xy - self._low) / (self._pixel_m / fine) - 0.5
         return np.asarray(np.round(pixels * 2**self._SHIFT), np.int32)
