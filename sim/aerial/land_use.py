@@ -261,9 +261,9 @@ def _commerce(land: Land, shape: Any, rng: np.random.Generator) -> None:
     hall = shapely.intersection(shapely.affinity.scale(box, 0.85, 0.85), hall)
     if hall.geom_type == "Polygon" and hall.area > 200:
         land.footprints.append(_footprint(hall.simplify(0.3), float(rng.uniform(6.0, 11.0))))
-    for other in halves:
-        if other is not hall and other.area > 400 and not other.intersects(hall.buffer(3.0)):
-            land.bays += _bays(other)
+    free = [q for q in shapely.get_parts(room - hall.buffer(5.0)) if q.geom_type == "Polygon" and q.area > 400]
+    for part in free:
+        land.bays += _bays(part)
     _scatter(land.trees, shape - room, 90.0, (1.5, 3.0), (4.0, 8.0), rng)
 
 

@@ -64,7 +64,7 @@ def colour(
             light = 1 + m[3] * fine + m[4] * middle + m[5] * wide
             if m[7] > 0:
                 phase = (x * m[9] - y * m[8]) / m[10] + 0.12 * middle
-                light += m[7] * np.sin(6.2831853 * phase)
+                light += m[7] * max(1 - 2.5 * pixel_m / m[10], 0.0) * np.sin(6.2831853 * phase)
                 # Tramlines: two wheel tracks every so many rows.
                 lane = (phase * m[10]) % _TRAMLINES_M
                 if lane < 0.45 or 1.8 < lane < 2.25:

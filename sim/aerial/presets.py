@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -64,15 +65,15 @@ def town_world(
     return _world(roads, seed, TrafficSpec(duration_s=duration_s), style="suburb")
 
 
-PRESETS: Mapping[str, Callable[[int], AerialWorld]] = {
+PRESETS: Mapping[str, Callable[..., AerialWorld]] = {
     "motorway": motorway_world,
-    "motorway-jam": lambda seed: motorway_world(seed, jam=True),
-    "motorway-snow": lambda seed: motorway_world(seed, season="winter"),
+    "motorway-jam": partial(motorway_world, jam=True),
+    "motorway-snow": partial(motorway_world, season="winter"),
     "inner-city-1": inner_city_world,
-    "inner-city-2": lambda seed: inner_city_world(seed, low_sun=True),
+    "inner-city-2": partial(inner_city_world, low_sun=True),
     "flight-town": town_world,
 }
-"""Worlds by name; each is called with a seed."""
+"""Worlds by name; each is called with a seed, and takes ``duration_s``: so long vehicles keep apart and enter."""
 
 
 def map_world(

@@ -31,6 +31,8 @@ from sim.terrain import Bounds, ElevationGrid
 
 Array = np.ndarray
 _SNOW = 0.75
+# Grass beside the pavement of a motorway.
+_EMBANKMENT_M = 7.0
 _OCCUPIED, _APART_M = 0.55, 0.1
 _CARS = ("sedan", "hatchback", "estate", "van")
 
@@ -180,9 +182,15 @@ def _lay_out(world: AerialWorld, land: Land, rng: np.random.Generator) -> RoadSu
     built = shapely.union_all([f for f, k in zip(faces, kind, strict=True) if k != "fields"]).buffer(12.0)
     surface = road_surface(world.roads, built, rng)
     land.paint += road_paint(world.roads, built, rng)
+    fast = [
+        shapely.LineString(r.line_m).buffer(r.width_m / 2 + _EMBANKMENT_M)
+        for r in world.roads.edges
+        if r.road_class <= 1
+    ]
+    embankment = shapely.union_all(fast)
     for face, k in zip(faces, kind, strict=True):
         near = shapely.intersection(surface.pavement, face.buffer(20.0))
-        lay_out(land, k, face - near.buffer(WALK_M if k != "fields" else 1.5), rng)
+        lay_out(land, k, face - near.buffer(WALK_M if k != "fields" else 1.5) - embankment, rng)
     walks = shapely.intersection(surface.pavement.buffer(WALK_M, quad_segs=4), built)
     for part in shapely.get_parts(walks - surface.pavement):
         land.cover(part, "paving")

@@ -16,7 +16,7 @@ from sim.aerial.traffic_state import VehicleStates
 from sim.camera import Camera
 from sim.meshes import VEHICLE_KINDS
 from sim.overlap import overlapping
-from sim.pose import Pose
+from sim.pose import Pose, exp_so3
 from sim.roads import RoadNetwork, markings
 from sim.terrain import plane
 
@@ -101,6 +101,31 @@ def test_neighbouring_tiles_agree_where_they_overlap(town: AerialScene) -> None:
     # Blurred tracks and fixed-point corners differ by a few values within pixels of the border.
     assert np.abs(middle[:, -border:].astype(int) - east[:, :border]).mean() < 2.0
     assert np.abs(middle[-border:].astype(int) - north[:border]).mean() < 2.0
+
+
+def test_a_coarser_level_shows_the_same_ground(town: AerialScene) -> None:
+    grid = town.ground.grid(0)
+    column, row = (int(v) for v in (junction(town) - grid[:2]) // (PIXEL_M * TILE_PX))
+    fine = town.ground.paint(row, column).astype(float)
+    for level in (1, 2):
+        coarse = town.ground.paint(row, column, level).astype(float)
+        n = len(fine) >> level
+        averaged = fine.reshape(n, 2**level, n, 2**level, 3).mean(axis=(1, 3))
+        assert coarse.shape == averaged.shape
+        # Edges of covers and joints of the asphalt are one coarse pixel, grain is averaged.
+        assert np.median(np.abs(coarse - averaged)) < 2.5
+        assert abs(np.mean(coarse - averaged)) < 1.0
+
+
+def test_the_horizon_may_be_in_the_image(town: AerialScene) -> None:
+    level = above(town, junction(town), 200.0)
+    T_wc = Pose(level.R @ exp_so3(np.array([np.deg2rad(83.0), 0.0, 0.0])), level.t)
+    truth = measure(town, CAMERA, T_wc)
+    nothing = truth.instance == -2
+    assert 0.2 < nothing.mean() < 0.8
+    np.testing.assert_array_equal(nothing, np.isnan(truth.depth))
+    image = render(town, CAMERA, T_wc)
+    assert np.ptp(image[nothing].astype(int), axis=0).max() <= 1
 
 
 def test_markings_are_painted_where_they_are(town: AerialScene) -> None:
