@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from jaxtyping import Float
 
-from sim.aerial.library import Mesh, Texture, linear, merged, polygon
+from sim.aerial.library import Mesh, Texture, linear, merged, polygon, polygons
 from sim.archive import freeze_fields
 from sim.buildings_map import Footprint
 from sim.textures import linear_from_srgb, noise
@@ -126,17 +126,16 @@ def _as_rectangle(footprint: Footprint) -> Array | None:
 
 def _walls(ring: Array, low: float, high: float, texture: int) -> Mesh:
     """Walls along a ring, counter-clockwise around what is inside; windows begin at the ground's mean height."""
-    quads = []
+    corners, st = [], []
     for p, q in pairwise([*ring, ring[0]]):
         length = float(np.hypot(*(q - p)))
         cuts = np.linspace(0, 1, int(length // _LONGEST_WALL_M) + 2)
         axes = max(round(length / 3.0), 1)
         for a, b in pairwise(cuts):
             one, other = p + a * (q - p), p + b * (q - p)
-            corners = np.array([[*one, low], [*other, low], [*other, high], [*one, high]])
-            t = corners[:, 2] / _STOREY_M
-            quads.append(polygon(corners, np.column_stack([np.array([a, b, b, a]) * axes, t]), texture, 0.75))
-    return merged(quads)
+            corners.append([[*one, low], [*other, low], [*other, high], [*one, high]])
+            st.append([[a * axes, low], [b * axes, low], [b * axes, high], [a * axes, high]])
+    return polygons(np.array(corners), np.array(st) / [1, _STOREY_M], texture, 0.75)
 
 
 def _pitched(c: Array, height: float, tiles: int, facade: int, rng: np.random.Generator) -> list[Mesh]:
@@ -204,13 +203,9 @@ def _block(at: Array, along: Array, size: tuple[float, float], low: float, high:
     across = np.array([-along[1], along[0]])
     a, b = along * size[0] / 2, across * size[1] / 2
     ring = np.array([at - a - b, at + a - b, at + a + b, at - a + b])
-    quads = []
-    for p, q in pairwise([*ring, ring[0]]):
-        corners = np.array([[*p, low], [*q, low], [*q, high], [*p, high]])
-        quads.append(polygon(corners, np.full((4, 2), 0.1), side, 0.8))
+    sides = [[[*p, low], [*q, low], [*q, high], [*p, high]] for p, q in pairwise([*ring, ring[0]])]
     lid = np.column_stack([ring, np.full(4, high)])
-    quads.append(polygon(lid, ring / 25.0, top))
-    return merged(quads)
+    return merged([polygons(np.array(sides), np.full((4, 4, 2), 0.1), side, 0.8), polygon(lid, ring / 25.0, top)])
 
 
 def _flat(
@@ -243,9 +238,6 @@ def _flat(
 def _cover(shape: object, centre: Array, z: float, texture: int, st: Array | None = None) -> Mesh:
     """Triangles of a polygon at a height."""
     triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
-    rings = [shapely.get_coordinates(t)[:3] for t in shapely.orient_polygons(triangles)]
-    parts = []
-    for ring in rings:
-        corners = np.column_stack([ring - centre, np.full(3, z)])
-        parts.append(polygon(corners, ring / 25.0 if st is None else np.tile(st, (3, 1)), texture))
-    return merged(parts)
+    rings = shapely.get_coordinates(shapely.orient_polygons(triangles)).reshape(-1, 4, 2)[:, :3]
+    corners = np.concatenate([rings - centre, np.full((len(rings), 3, 1), z)], axis=-1)
+    return polygons(corners, rings / 25.0 if st is None else np.broadcast_to(st, rings.shape), texture)

@@ -56,16 +56,21 @@ def merged(parts: Sequence[Mesh]) -> Mesh:
     )
 
 
+def polygons(corners: Float[Array, "m n 3"], st: Float[Array, "m n 2"], texture: int, openness: float = 1.0) -> Mesh:
+    """Flat convex polygons of n corners each, counter-clockwise seen from outside."""
+    m, n = corners.shape[:2]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    k = np.arange(1, n - 1)
+    fan = np.stack([np.zeros_like(k), k, k + 1], axis=-1)
+    faces = (n * np.arange(m)[:, None, None] + fan).reshape(-1, 3)
+    look = np.column_stack([st.reshape(-1, 2), np.full(m * n, openness), np.zeros(m * n)])
+    return Mesh(corners.reshape(-1, 3), np.repeat(normal, n, axis=0), look, faces, np.full(len(faces), texture))
+
+
 def polygon(corners: Float[Array, "n 3"], st: Float[Array, "n 2"], texture: int, openness: float = 1.0) -> Mesh:
-    """A flat convex polygon, counter-clockwise seen from outside."""
-    a, b, c = corners[0], corners[1], corners[2]
-    n = np.cross(b - a, c - a)
-    n /= max(float(np.linalg.norm(n)), 1e-12)
-    count = len(corners)
-    k = np.arange(1, count - 1)
-    faces = np.stack([np.zeros_like(k), k, k + 1], axis=-1)
-    look = np.column_stack([st, np.full(count, openness), np.zeros(count)])
-    return Mesh(corners, np.tile(n, (count, 1)), look, faces, np.full(len(faces), texture))
+    """One flat convex polygon, counter-clockwise seen from outside."""
+    return polygons(corners[None], st[None], texture, openness)
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,6 +132,7 @@ def test_markings_are_painted_where_they_are(town: AerialScene) -> None:
     """White strokes are lighter than the asphalt half a metre beside them."""
     long = [m for m in markings(town.world.roads) if m.kind in ("lane", "centre")]
     grid, found = town.ground.grid(0), []
+    tiles: dict[tuple[int, int], Array] = {}
     for m in long[:: max(len(long) // 40, 1)]:
         p, q = m.line_m[:2]
         middle, n = (p + q) / 2, np.array([p[1] - q[1], q[0] - p[0]]) / np.hypot(*(q - p))
@@ -139,7 +140,9 @@ def test_markings_are_painted_where_they_are(town: AerialScene) -> None:
         for at in (middle, middle + 0.5 * n, middle - 0.5 * n):
             pixel = (at - grid[:2]) / PIXEL_M
             column, row = (int(v) for v in pixel // TILE_PX)
-            tile = town.ground.paint(row, column)
+            if (row, column) not in tiles:
+                tiles[row, column] = town.ground.paint(row, column)
+            tile = tiles[row, column]
             j, i = (int(v % TILE_PX) + (len(tile) - TILE_PX) // 2 for v in pixel)
             values.append(float(tile[i, j].mean()))
         found.append(values[0] - max(values[1:]))
