@@ -172,6 +172,30 @@ def test_shadows_lie_where_the_sun_throws_them() -> None:
     assert image[v - 3 : v + 4, u - 3 : u + 4].mean() < 0.7 * lit
 
 
+def test_haze_takes_contrast_and_the_balance_tints() -> None:
+    xy = markers()
+    base = scene(tuple(shapely.Point(p).buffer(0.6) for p in xy))
+
+    def contrast_and_tint(sun: Sunlight) -> tuple[float, float]:
+        image = render(replace(base, world=replace(base.world, sunlight=sun)), CAMERA, T_WC).astype(float)
+        return float(np.quantile(image, 0.99) - np.quantile(image, 0.1)), float(np.mean(image[..., 0] - image[..., 2]))
+
+    clear = contrast_and_tint(Sunlight(sky=1.0, visibility_m=1e9))
+    hazy = contrast_and_tint(Sunlight(sky=1.0, visibility_m=2000.0))
+    warm = contrast_and_tint(Sunlight(sky=1.0, visibility_m=1e9, balance=(1.2, 1.0, 0.8)))
+    assert hazy[0] < 0.8 * clear[0]
+    assert warm[1] > clear[1] + 10
+
+
+def test_supersampling_only_smooths() -> None:
+    """One and nine samples per pixel agree in the mean, and no pixel of nine is lighter than the lightest of one."""
+    at = np.array([[0.0, 0.0, 30.0]])
+    one, nine = (render(scene((), (plate(6.0),), at), CAMERA, T_WC, samples=n).astype(float) for n in (1, 3))
+    assert abs(one.mean() - nine.mean()) < 0.3
+    assert nine.max() <= one.max() + 1
+    assert len(np.unique(nine)) > len(np.unique(one))
+
+
 def test_an_image_needs_samples() -> None:
     with pytest.raises(ValueError, match="samples"):
         render(scene(), CAMERA, T_WC, samples=0)
