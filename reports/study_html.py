@@ -88,11 +88,12 @@ def _heading(spec: Mapping[str, Any]) -> str:
     return str(spec["label"]).replace("_", " ")
 
 
-def cells(table: pd.DataFrame) -> tuple[list[str], list[list[str]], int]:
-    """Heads and rows as text, and how many rows are left out."""
+def cells(table: pd.DataFrame) -> tuple[list[tuple[str, str]], list[list[str]], int]:
+    """Heads with the style of their column, "word" or "number"; rows as text; and how many rows are left out."""
     rows = [[_text(v) for v in row] for row in table.head(_SHOWN_ROWS).itertuples(index=False)]
-    heads = [c if "." in c else c.replace("_", " ") for c in map(str, table.columns)]
-    return heads, rows, len(table) - len(rows)
+    names = [c if "." in c else c.replace("_", " ") for c in map(str, table.columns)]
+    styles = ["number" if pd.api.types.is_numeric_dtype(kind) else "word" for kind in table.dtypes]
+    return list(zip(names, styles, strict=True)), rows, len(table) - len(rows)
 
 
 def _text(value: Any) -> str:

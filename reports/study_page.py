@@ -26,7 +26,7 @@ class Section:
     link: str
     claims: list[list[str]]
     figures: list[tuple[str, str, str]]
-    tables: list[tuple[str, str, list[str], list[list[str]]]]
+    tables: list[tuple[str, str, list[tuple[str, str]], list[list[str]]]]
     failed: int
 
 
