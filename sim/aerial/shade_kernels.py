@@ -34,6 +34,18 @@ def _between(nodes: Array, u: float, v: float, out: Array) -> None:
 
 @compiled
 @no_type_check
+def _inverse_depth(ground: Array, u: float, v: float) -> float:
+    """1/depth of the ground at a pixel, as `_between`."""
+    x, y = u / STEP + 1, v / STEP + 1
+    j, i = int(x), int(y)
+    a, b = x - j, y - i
+    upper = ground[i, j, 3] + a * (ground[i, j + 1, 3] - ground[i, j, 3])
+    lower = ground[i + 1, j, 3] + a * (ground[i + 1, j + 1, 3] - ground[i + 1, j, 3])
+    return upper + b * (lower - upper)
+
+
+@compiled
+@no_type_check
 def _ground_color(pool: Array, slots: Array, grid: Array, decode: Array, x: float, y: float, rgb: Array) -> None:
     """Albedo of the painted ground; grid: x, y of the tiles' corner, pixel [m], pixels per tile, border."""
     n, border = int(grid[3]), int(grid[4])
@@ -104,13 +116,12 @@ def _near(
 ) -> None:
     """Nearest surface of every sample of a tile; owner -1 is the ground, -2 nothing."""
     u0, v0 = (tile % columns) * TILE, (tile // columns) * TILE
-    node = np.empty(4)
     offset, step = (1 / samples - 1) / 2, 1 / samples
     for i in range(nearest.shape[0]):
         for j in range(nearest.shape[1]):
-            _between(ground, u0 + offset + j * step, v0 + offset + i * step, node)
-            seen = node[3] > 0
-            nearest[i, j] = node[3] if seen else 0.0
+            inverse = _inverse_depth(ground, u0 + offset + j * step, v0 + offset + i * step)
+            seen = inverse > 0
+            nearest[i, j] = inverse if seen else 0.0
             owner[i, j] = -1 if seen else -2
     draw(triangles, entries[start[tile] : start[tile + 1]], vertex, u0 + offset, v0 + offset, step, nearest, owner)
 
