@@ -109,7 +109,7 @@ def test_climbs_take_circles() -> None:
 
 
 def flown(run: int, **options: object) -> Flight:
-    return fly([FlightLine((0.0, 0.0), (2000.0, 0.0), 500.0, 70.0)], 3, run, **options)  # type: ignore[arg-type]
+    return fly([FlightLine((0.0, 0.0), (2000.0, 0.0), 500.0, 70.0)], 3, run, **options)  # type: ignore[arg-type]  # of all kinds
 
 
 def test_gusts_have_their_sigmas_and_streams() -> None:
