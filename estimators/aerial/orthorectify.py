@@ -11,6 +11,7 @@ from jaxtyping import Float, UInt8
 
 from estimators.aerial import ortho_kernel as kernel
 from sim.camera import Camera
+from sim.camera_kernels import rays_of, view_of
 from sim.pose import Pose
 from sim.terrain import ElevationGrid
 
@@ -134,7 +135,7 @@ def orthorectify(
         terrain = _corner_heights(camera, T_wc, terrain, grid)
         camera = Camera(camera.K, camera.size_px)
     make = kernel.coarse_map if method == "map" else kernel.exact_map
-    view, relief = kernel.view_of(camera, T_wc), _relief(terrain)
+    view, relief = view_of(camera, T_wc), _relief(terrain)
     result = np.empty((grid.rows, grid.columns, pixels.shape[2]), np.uint8)
     alpha = np.empty((grid.rows, grid.columns), np.uint8)
     for top in range(0, grid.rows, _STRIP):
@@ -149,7 +150,7 @@ def image_map(
 ) -> Float[Array, "rows columns 2"]:
     """Image pixel (u, v) of every pixel of a map, float32; NaN where there is none."""
     make = kernel.coarse_map if method == "map" else kernel.exact_map
-    return np.asarray(make(kernel.view_of(camera, T_wc), *_relief(terrain), grid.x, grid.y))
+    return np.asarray(make(view_of(camera, T_wc), *_relief(terrain), grid.x, grid.y))
 
 
 def _relief(terrain: ElevationGrid) -> tuple[Array, float, float, float]:
@@ -181,10 +182,10 @@ def _corner_heights(camera: Camera, T_wc: Pose, terrain: ElevationGrid, grid: Ma
 def _forward(image: Array, camera: Camera, T_wc: Pose, terrain: ElevationGrid, grid: MapGrid) -> Ortho:
     result = np.zeros((grid.rows, grid.columns, image.shape[2]), np.uint8)
     hit = np.zeros((grid.rows, grid.columns), np.uint8)
-    view, (w, h) = kernel.view_of(camera, T_wc), camera.size_px
+    view, (w, h) = view_of(camera, T_wc), camera.size_px
     for top in range(0, h, _STRIP):
         v = np.arange(top, min(top + _STRIP, h), dtype=float)
-        ground = terrain.intersect(T_wc.t, kernel.rays_of(view, np.arange(w, dtype=float), v))
+        ground = terrain.intersect(T_wc.t, rays_of(view, np.arange(w, dtype=float), v))
         place = np.rint(grid.pixels(ground[..., :2]))
         inside = ((place >= 0) & (place <= [grid.columns - 1, grid.rows - 1])).all(axis=-1)
         column, row = place[inside].astype(int).T

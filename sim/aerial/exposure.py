@@ -9,7 +9,7 @@ import numba
 import numpy as np
 from jaxtyping import UInt8
 
-from sim.aerial.kernels import threaded
+from sim.camera_kernels import threaded
 from sim.sensor import Sensor
 
 Array = np.ndarray

@@ -7,7 +7,7 @@ from typing import no_type_check
 import numba
 import numpy as np
 
-from sim.aerial.kernels import compiled, threaded
+from sim.camera_kernels import compiled, threaded
 
 Array = np.ndarray
 # Metres per texel of the noise fields: grain as the map's pixels, then these.

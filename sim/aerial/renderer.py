@@ -14,6 +14,7 @@ from sim.aerial.sunlight import code_values, light_values
 from sim.aerial.traffic_state import VehicleStates
 from sim.archive import freeze_fields
 from sim.camera import Camera
+from sim.camera_kernels import rays_of, view_of
 from sim.pose import Pose
 
 Array = np.ndarray
@@ -127,7 +128,7 @@ def _bins(triangles: Array, vertex: Array, camera: Camera) -> tuple[Array, Array
 
 
 def _view(scene: AerialScene, camera: Camera, T_wc: Pose, t_s: float) -> _View:
-    view = kernels.view_of(camera, T_wc)
+    view = view_of(camera, T_wc)
     ground, rays = _nodes(scene, camera, T_wc, view)
     states = scene.vehicles(t_s)
     seen = _may_be_seen(scene, scene.standing, view)
@@ -154,7 +155,7 @@ def _nodes(scene: AerialScene, camera: Camera, T_wc: Pose, view: Array) -> tuple
     """Ground (x, y, z, 1/depth, -, -, share of sunlight) and rays at every `STEP`th pixel and one step beyond."""
     step = shade_kernels.STEP
     u, v = (np.arange(-1, -(-n // step) + 2) * float(step) for n in camera.size_px)
-    rays = kernels.rays_of(view, u, v)
+    rays = rays_of(view, u, v)
     terrain = scene.world.terrain
     xyz = terrain.intersect(T_wc.t, rays)
     depth = (xyz - T_wc.t) @ T_wc.R[:, 2]

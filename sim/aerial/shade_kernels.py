@@ -7,8 +7,9 @@ from typing import no_type_check
 import numba
 import numpy as np
 
-from sim.aerial.kernels import compiled, draw, threaded
+from sim.aerial.kernels import draw
 from sim.aerial.shadow_kernels import lit
+from sim.camera_kernels import compiled, threaded
 
 Array = np.ndarray
 STEP = 8

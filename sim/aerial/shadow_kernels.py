@@ -11,7 +11,7 @@ from typing import Any, no_type_check
 import numba
 import numpy as np
 
-from sim.aerial.kernels import compiled, threaded
+from sim.camera_kernels import compiled, threaded
 
 Array = np.ndarray
 _STRIPS = 32
