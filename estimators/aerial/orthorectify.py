@@ -51,6 +51,10 @@ class MapGrid:
         """(column, row) of world points, (0, 0) the centre of the top-left pixel."""
         return np.asarray((xy - [self.x_m, self.y_m]) / [self.gsd_m, -self.gsd_m])
 
+    def points(self, pixels: Float[Array, "*b 2"]) -> Float[Array, "*b 2"]:
+        """World points of (column, row): inverse of `pixels`."""
+        return np.asarray([self.x_m, self.y_m] + pixels * [self.gsd_m, -self.gsd_m])
+
     @staticmethod
     def around(xy: Float[Array, "k 2"], gsd_m: float) -> MapGrid:
         """The smallest grid over some points whose pixel centres are at whole multiples of ``gsd_m``: grids of many
@@ -151,6 +155,50 @@ def image_map(
     """Image pixel (u, v) of every pixel of a map, float32; NaN where there is none."""
     make = kernel.coarse_map if method == "map" else kernel.exact_map
     return np.asarray(make(view_of(camera, T_wc), *_relief(terrain), grid.x, grid.y))
+
+
+def placed(
+    camera: Camera,
+    T_wc: Pose,
+    terrain: ElevationGrid,
+    uv: Float[Array, "*b 2"],
+    method: Method,
+    grid: MapGrid,
+) -> Float[Array, "*b 2"]:
+    """World (x, y) [m] at which `orthorectify` shows what lies at pixels of the image; NaN outside the grid.
+
+    With all that is known of an image exact, it is the true place for "exact", to a few hundredths of a pixel of the
+    map for "map". "forward" moves a pixel as a whole to the nearest one of the map.
+
+    Raises
+        OrthoError: "anchor" without ground under a corner of the image.
+    """
+    if method == "anchor":
+        terrain, camera = _corner_heights(camera, T_wc, terrain, grid), Camera(camera.K, camera.size_px)
+    xy = ground_points(camera, T_wc, terrain, uv)[..., :2]
+    if method == "map":
+        xy = _placed_by_map(camera, T_wc, terrain, xy, grid)
+    place = grid.pixels(xy)
+    inside = ((place >= -0.5) & (place < [grid.columns - 0.5, grid.rows - 0.5])).all(axis=-1, keepdims=True)
+    if method == "forward":
+        xy = grid.points(np.rint(place))
+    return np.where(inside, xy, np.nan)
+
+
+def _placed_by_map(camera: Camera, T_wc: Pose, terrain: ElevationGrid, true: Array, grid: MapGrid) -> Array:
+    """Where the coarse map has the pixels of true ground points (..., 2): its small error is taken off by iteration."""
+    xy = true
+    for _ in range(2):
+        place = grid.pixels(xy) / kernel.STEP
+        node = np.floor(place)
+        uv = np.zeros(xy.shape)
+        for corner in np.array([[0, 0], [1, 0], [0, 1], [1, 1]]):
+            weight = np.prod(1 - np.abs(place - node - corner), axis=-1, keepdims=True)
+            ground = terrain.on_ground(grid.points(kernel.STEP * (node + corner)))
+            uv += weight * camera.project(T_wc.inv().apply(ground))
+        xy = xy + true - ground_points(camera, T_wc, terrain, uv)[..., :2]
+    # At the end of the terrain a node may have no height: there the map is the exact one.
+    return np.where(np.isfinite(xy), xy, true)
 
 
 def _relief(terrain: ElevationGrid) -> tuple[Array, float, float, float]:

@@ -17,6 +17,7 @@ from estimators.aerial.orthorectify import (
     ground_sampling,
     image_map,
     orthorectify,
+    placed,
 )
 from sim.camera import Camera
 from sim.pose import Pose, exp_so3
@@ -157,3 +158,48 @@ def test_the_horizon_and_the_end_of_the_terrain_are_refused(hills: ElevationGrid
         orthorectify(image, CAMERA, far, hills)
     with pytest.raises(OrthoError, match=r"expected \(640, 480\)"):
         orthorectify(image[:-1], CAMERA, T_WC, hills)
+
+
+DOTS = np.array([[60.0, 70], [320, 240], [585.4, 60.7], [100.3, 430.2], [570, 420]])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_mark_in_the_image_lands_where_the_method_puts_its_pixel(method: Method, hills: ElevationGrid) -> None:
+    u, v = np.meshgrid(np.arange(640), np.arange(480))
+    image = np.full((480, 640), 20, np.uint8)
+    for dot in DOTS:
+        image += np.rint(200 * np.exp(-((u - dot[0]) ** 2 + (v - dot[1]) ** 2) / (2 * 1.5**2))).astype(np.uint8)
+    ortho = orthorectify(image, CAMERA, T_WC, hills, GSD_M, method)
+    at = ortho.grid.pixels(placed(CAMERA, T_WC, hills, DOTS, method, ortho.grid))
+    found = []
+    for column, row in np.rint(at).astype(int):
+        patch = ortho.image[row - 10 : row + 11, column - 10 : column + 11, 0].astype(float)
+        w = np.clip(patch - 25, 0, None)
+        rows, columns = np.mgrid[-10:11, -10:11]
+        found.append([column + np.sum(w * columns) / w.sum(), row + np.sum(w * rows) / w.sum()])
+    # A whole pixel may be moved by half of one; the middle of a mark of many pixels is not.
+    np.testing.assert_allclose(found, at, atol=0.5 if method == "forward" else 0.1)
+
+
+def test_methods_put_pixels_at_true_places_or_not(hills: ElevationGrid) -> None:
+    grid = MapGrid.around(footprint(CAMERA, T_WC, hills)[:, :2], GSD_M)
+    uv = np.random.default_rng(2).uniform([5, 5], [634, 474], (500, 2))
+    true = ground_points(CAMERA, T_WC, hills, uv)[:, :2]
+    off = {m: np.linalg.norm(placed(CAMERA, T_WC, hills, uv, m, grid) - true, axis=1) / GSD_M for m in METHODS}
+    assert off["exact"].max() == 0
+    assert 1e-4 < off["map"].max() < 0.06
+    # Uniform within half a pixel of both axes: RMS sqrt(1/6); 500 draws give it to 3 %.
+    assert np.sqrt(np.mean(off["forward"] ** 2)) == pytest.approx(np.sqrt(1 / 6), rel=0.08)
+    assert off["anchor"].max() > 3
+
+
+def test_nothing_is_placed_outside_the_map(hills: ElevationGrid) -> None:
+    whole = MapGrid.around(footprint(CAMERA, T_WC, hills)[:, :2], GSD_M)
+    west = MapGrid(whole.x_m, whole.y_m, GSD_M, whole.columns // 2, whole.rows)
+    uv = np.array([[320.0, 20], [320, 460], [30, 240], [610, 240]])
+    at = {m: np.isfinite(placed(CAMERA, T_WC, hills, uv, m, whole)).all() for m in METHODS}
+    assert all(at.values())
+    true = ground_points(CAMERA, T_WC, hills, uv)[:, 0]
+    for method in ("exact", "map", "forward"):
+        found = placed(CAMERA, T_WC, hills, uv, method, west)
+        np.testing.assert_array_equal(np.isfinite(found[:, 0]), true < west.x[-1] + GSD_M / 2)
