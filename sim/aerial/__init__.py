@@ -4,12 +4,15 @@ presets        the source's five data sets, a town beside a motorway, any place 
 scene          `AerialWorld` (the spec) and `build`: everything that stands, is painted or drives
 land_use       blocks between the roads: houses, parks, fields, woods, car parks
 road_surface   asphalt with its age, kerbs, markings; road_paint: crossings, arrows, bays
-materials      what the ground is made of, by season
-ground         tiles of the painted map; paint_kernels colours them
+materials      what the ground is made of, by season; surfaces: how warm it gets
+ground         tiles of the painted map; paint_kernels colours and warms them
 library        meshes and textures in flat arrays; buildings, trees and vehicles make them
 sunlight       sun, sky, haze, white balance
+view           what a camera sees, ready for the loops
 renderer       `render` and `measure`; kernels (geometry), shadow_kernels, shade_kernels are its compiled loops
 exposure       a sensor stage for tens of megapixels
+thermal        `render_thermal` and its sensor; thermal_kernels is its loop
+heads          `picture`: what a head of a camera system takes, in its band
 """
 
 from sim.aerial.renderer import AerialTruth, VisibleVehicles, measure, render

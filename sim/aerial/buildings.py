@@ -12,6 +12,7 @@ import shapely
 from jaxtyping import Float
 
 from sim.aerial.library import Mesh, Texture, linear, merged, polygon, polygons
+from sim.aerial.surfaces import FLAT_ROOF, SNOW, TILES, Surface
 from sim.archive import freeze_fields
 from sim.buildings_map import Footprint
 from sim.textures import linear_from_srgb, noise
@@ -42,29 +43,30 @@ class Building:
         freeze_fields(self)
 
 
-def textures(rng: np.random.Generator) -> list[Texture]:
+def textures(rng: np.random.Generator, season: str = "summer") -> list[Texture]:
     """Tiles and bitumen, which take the paint, then one facade with windows for every colour of `FACADES`."""
-    return [_tiles(rng), _gravel(rng), *(_facade(c, rng) for c in FACADES)]
+    tiles, flat = (SNOW, SNOW) if season == "winter" else (TILES, FLAT_ROOF)
+    return [_tiles(tiles, rng), _gravel(flat, rng), *(_facade(c, rng) for c in FACADES)]
 
 
-def _tiles(rng: np.random.Generator, size: int = 256) -> Texture:
+def _tiles(surface: Surface, rng: np.random.Generator, size: int = 256) -> Texture:
     """8 m of roof: s along the eaves, t up the roof, a row every third of a metre."""
     light = 1 + 0.07 * noise((size, size), 0.6, rng) + 0.08 * noise((size, size), 1.8, rng)
     row = np.arange(size) / size * 8.0 / 0.333
     light -= 0.16 * (row % 1 < 0.25)[:, None]
     texels = np.zeros((size, size, 4))
     texels[..., 3] = np.clip(light, 0.3, 1.6)
-    return Texture(texels, repeat=True)
+    return Texture(texels, repeat=True, coat=surface, bare=surface)
 
 
-def _gravel(rng: np.random.Generator, size: int = 256) -> Texture:
+def _gravel(surface: Surface, rng: np.random.Generator, size: int = 256) -> Texture:
     """25 m of flat roof with stains and seams of the sheets."""
     light = 1 + 0.06 * noise((size, size), 0.5, rng) + 0.12 * noise((size, size), 2.2, rng)
     light[:: size // 8] -= 0.14
     light[:, :: size // 3] -= 0.10
     texels = np.zeros((size, size, 4))
     texels[..., 3] = np.clip(light, 0.4, 1.5)
-    return Texture(texels, repeat=True)
+    return Texture(texels, repeat=True, coat=surface, bare=surface)
 
 
 def _facade(color: tuple[float, float, float], rng: np.random.Generator, size: int = 64) -> Texture:

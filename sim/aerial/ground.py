@@ -11,10 +11,12 @@ from typing import Any
 import cv2
 import numpy as np
 import shapely
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int, Shaped, UInt8, UInt16
 
 from sim.aerial import paint_kernels as kernels
 from sim.aerial.materials import Material
+from sim.aerial.sunlight import light_values
+from sim.aerial.surfaces import ASPHALT, SNOW
 from sim.textures import noise
 
 Array = np.ndarray
@@ -60,6 +62,17 @@ class GroundPlan:
     worn_paint: float = 1.0
 
 
+@dataclass(frozen=True, eq=False)
+class _Layers:
+    """What is drawn on a tile (h, w): rows of materials, coverage by road and by paint, code values and tracks."""
+
+    cover: Int[Array, "h w"]
+    road: UInt8[Array, "h w"]
+    tone: UInt8[Array, "h w"]
+    track: UInt8[Array, "h w"]
+    paint: UInt8[Array, "h w"]
+
+
 class PaintedGround:
     """Tiles of the map that `GroundPlan` describes, of 0.1 m pixels and coarser ones; the last used are kept.
 
@@ -79,7 +92,9 @@ class PaintedGround:
             "wear": shapely.STRtree([shapely.LineString(p) for p, _, _ in plan.wear]),
             "paint": shapely.STRtree(list(plan.paint)),
         }
-        self._rows = np.stack([plan.base.row(), *(m.row() for _, m in plan.covers)])
+        materials = [plan.base, *(m for _, m in plan.covers)]
+        self._rows = np.stack([m.row() for m in materials])
+        self._surfaces = np.stack([*(m.surface.row() for m in materials), ASPHALT.row(), SNOW.row()])
         grain = noise((512, 512), 0.5, rng)
         # Coarser pixels average the grain.
         self._grain = [
@@ -87,8 +102,8 @@ class PaintedGround:
         ]
         self._mid = noise((1024, 1024), 1.7, rng)
         self._coarse = noise((512, 512), 2.2, rng)
-        self._pools: dict[int, UInt8[Array, "slots h w 3"]] = {}
-        self._slots: dict[int, OrderedDict[tuple[int, int], int]] = {}
+        self._pools: dict[tuple[int, bool], Array] = {}
+        self._slots: dict[tuple[int, bool], OrderedDict[tuple[int, int], int]] = {}
 
     def level(self, sampling_m: float) -> int:
         """The level for samples so far apart."""
@@ -101,8 +116,13 @@ class PaintedGround:
             [c * self._side, r * self._side, PIXEL_M * 2**level, TILE_PX >> level, _BORDER_PX >> level], float
         )
 
-    def tiles(self, bounds_m: Bounds, level: int) -> tuple[UInt8[Array, "slots h w 3"], Int[Array, "rows columns"]]:
-        """The pool of tiles and which of it lies where (-1: nowhere), for all tiles that meet the bounds."""
+    def tiles(
+        self, bounds_m: Bounds, level: int, warmth: bool = False
+    ) -> tuple[Shaped[Array, "slots h w 3"], Int[Array, "rows columns"]]:
+        """The pool of tiles and which of it lies where (-1: nowhere), for all tiles that meet the bounds.
+
+        Tiles are `paint`'s, or with ``warmth`` those of `warmth`.
+        """
         x0, y0, x1, y1 = bounds_m
         c0, r0 = (
             max(math.floor(x0 / self._side) - self._corner[0], 0),
@@ -111,36 +131,65 @@ class PaintedGround:
         c1 = min(math.floor(x1 / self._side) - self._corner[0], self.columns - 1)
         r1 = min(math.floor(y1 / self._side) - self._corner[1], self.rows - 1)
         wanted = [(r, c) for r in range(r0, r1 + 1) for c in range(c0, c1 + 1)]
-        slots = self._slots.setdefault(level, OrderedDict())
+        slots = self._slots.setdefault((level, warmth), OrderedDict())
         for key in wanted:
             if key in slots:
                 slots.move_to_end(key)
         missing = [key for key in wanted if key not in slots]
         table = np.full((self.rows, self.columns), -1, np.int64)
-        pool = self._room(level, len(wanted))
+        pool = self._room(level, warmth, len(wanted))
         for key in missing:
             slot = len(slots) if len(slots) < len(pool) else slots.popitem(last=False)[1]
-            pool[slot] = self.paint(*key, level)
+            pool[slot] = self.warmth(*key, level) if warmth else self.paint(*key, level)
             slots[key] = slot
         for key in wanted:
             table[key] = slots[key]
         return pool, table
 
-    def _room(self, level: int, count: int) -> UInt8[Array, "slots h w 3"]:
+    def _room(self, level: int, warmth: bool, count: int) -> Shaped[Array, "slots h w 3"]:
         """The pool of a level, with room for so many tiles at once."""
         side = (TILE_PX + 2 * _BORDER_PX) >> level
-        pool: Array = self._pools.get(level, np.empty((0, side, side, 3), np.uint8))
+        pool: Array = self._pools.get((level, warmth), np.empty((0, side, side, 3), np.uint16 if warmth else np.uint8))
         if len(pool) < count:
-            larger = np.empty((count + 16, side, side, 3), np.uint8)
+            larger = np.empty((count + 16, side, side, 3), pool.dtype)
             larger[: len(pool)] = pool
-            self._pools[level] = pool = larger
+            self._pools[level, warmth] = pool = larger
         return pool
 
     def paint(self, row: int, column: int, level: int = 0) -> UInt8[Array, "h w 3"]:
         """One tile with its border."""
-        side, border, pixel_m = (TILE_PX + 2 * _BORDER_PX) >> level, _BORDER_PX >> level, PIXEL_M * 2**level
-        first = np.array([self._corner[0] + column, self._corner[1] + row]) * (TILE_PX >> level) - border
-        low = first * pixel_m
+        return self._coloured(row, column, level, self._layers(row, column, level))
+
+    def warmth(self, row: int, column: int, level: int = 0) -> UInt16[Array, "h w 3"]:
+        """One tile as `paint_kernels.warm` makes it: how warm the ground is, in codes."""
+        layers = self._layers(row, column, level)
+        x, y = self._first(row, column, level)
+        colours = self._coloured(row, column, level, layers)
+        out = np.empty(colours.shape, np.uint16)
+        kernels.warm(
+            x, y, PIXEL_M * 2**level, colours, light_values(), layers.cover, self._surfaces, layers.road, layers.track,
+            self._mid, self._coarse, self._plan.snow, out,
+        )  # fmt: skip
+        return out
+
+    def _first(self, row: int, column: int, level: int) -> tuple[int, int]:
+        """Column and row of a tile's first pixel, border included, on the map of a level."""
+        side, border = TILE_PX >> level, _BORDER_PX >> level
+        return (self._corner[0] + column) * side - border, (self._corner[1] + row) * side - border
+
+    def _coloured(self, row: int, column: int, level: int, layers: _Layers) -> UInt8[Array, "h w 3"]:
+        out = np.empty((*layers.cover.shape, 3), np.uint8)
+        kernels.colour(
+            *self._first(row, column, level), PIXEL_M * 2**level, layers.cover, self._rows, layers.road, layers.tone,
+            layers.track, layers.paint, self._grain[level], self._mid, self._coarse, self._plan.snow,
+            self._plan.worn_paint, out,
+        )  # fmt: skip
+        return out
+
+    def _layers(self, row: int, column: int, level: int) -> _Layers:
+        """What is drawn on a tile."""
+        side, pixel_m = (TILE_PX + 2 * _BORDER_PX) >> level, PIXEL_M * 2**level
+        low = np.array(self._first(row, column, level)) * pixel_m
         box = shapely.box(*low, *(low + side * pixel_m))
         board = _Board(low, box, pixel_m)
         cover = np.zeros((side, side), np.int32)
@@ -163,12 +212,7 @@ class PaintedGround:
                 board.fill(tone, shapely.Polygon(points), value)
         paint = board.coverage([self._plan.paint[k] for k in self._inside("paint", box)], side)
         soft = (_SOFT_PX >> level) | 1
-        out = np.empty((side, side, 3), np.uint8)
-        kernels.colour(
-            int(first[0]), int(first[1]), pixel_m, cover, self._rows, road, tone, cv2.blur(track, (soft, soft)), paint,
-            self._grain[level], self._mid, self._coarse, self._plan.snow, self._plan.worn_paint, out,
-        )  # fmt: skip
-        return out
+        return _Layers(cover, road, tone, cv2.blur(track, (soft, soft)), paint)
 
     def _inside(self, layer: str, box: Any) -> Int[Array, "k"]:
         """Numbers of the items that meet a box, in their order."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from sim.aerial.surfaces import FACADE, Surface
 from sim.archive import freeze_fields
 from sim.textures import linear_from_srgb
 
@@ -16,14 +18,28 @@ Array = np.ndarray
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """Albedo in linear light (h, w, 4): RGB, and the share of the instance's paint that is added; row 0 is t = 0."""
+    """Albedo in linear light (h, w, 4): RGB, and the share of the instance's paint that is added; row 0 is t = 0.
+
+    For the thermal band, ``coat`` is what takes the paint and ``bare`` what does not; ``engine`` (h, w) is the share of
+    the warmth of a running engine, None where there is none.
+    """
 
     texels: Float[Array, "h w 4"]
     repeat: bool
+    coat: Surface = FACADE
+    bare: Surface = FACADE
+    engine: Float[Array, "h w"] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "texels", np.asarray(self.texels, np.float32))
         freeze_fields(self)
+
+    def warmth(self) -> Float[Array, "h w 4"]:
+        """Of every texel shade_K, gain_K, reflectivity (`surfaces.Surface`) and the share of the engine's warmth."""
+        share = np.clip(self.texels[..., 3:], 0, 1)
+        shade, gain, emissivity = np.moveaxis(share * self.coat.row() + (1 - share) * self.bare.row(), -1, 0)
+        engine = np.zeros_like(shade) if self.engine is None else self.engine
+        return np.stack([shade, gain, 1 - emissivity, engine], axis=-1).astype(np.float32)
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +91,10 @@ def polygon(corners: Float[Array, "n 3"], st: Float[Array, "n 2"], texture: int,
 
 @dataclass(frozen=True, eq=False)
 class Library:
-    """All meshes and textures in flat arrays; mesh m has vertices [vertex_first[m], vertex_first[m + 1])."""
+    """All meshes and textures in flat arrays; mesh m has vertices [vertex_first[m], vertex_first[m + 1]).
+
+    texels are those of the visible bands, warmth the same places as `Texture.warmth` gives them.
+    """
 
     vertices: Float[Array, "v 3"]
     normals: Float[Array, "v 3"]
@@ -86,6 +105,7 @@ class Library:
     face_first: Int[Array, "_"]
     radius: Float[Array, "m"]
     texels: Float[Array, "t 4"]
+    warmth: Float[Array, "t 4"]
     textures: Int[Array, "n 4"]
 
     @staticmethod
@@ -107,6 +127,7 @@ class Library:
             face_first,
             np.array([np.linalg.norm(m.vertices, axis=1).max() for m in meshes]),
             np.concatenate([t.texels.reshape(-1, 4) for t in textures]),
+            np.concatenate([t.warmth().reshape(-1, 4) for t in textures]),
             np.array(table, np.int64),
         )
 
@@ -124,6 +145,12 @@ class Instances:
 
     def __len__(self) -> int:
         return len(self.mesh)
+
+    @cached_property
+    def scale(self) -> Float[Array, "n"]:
+        """The largest scale of an instance's axes."""
+        R = self.place[:, :9].reshape(-1, 3, 3)
+        return np.asarray(np.sqrt(np.max(np.sum(R**2, axis=1), axis=1)) if len(R) else np.zeros(0))
 
     def chosen(self, which: Array) -> Instances:
         return Instances(self.mesh[which], self.place[which], self.paint[which])

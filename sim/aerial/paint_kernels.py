@@ -1,4 +1,4 @@
-"""The compiled loop that colours the ground: what covers it, road surface and paint, each with noise of many scales."""
+"""Compiled loops that colour the ground (what covers it, road surface, paint, noise of many scales) and warm it."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ Array = np.ndarray
 # Metres per texel of the noise fields: grain as the map's pixels, then these.
 MID_M, COARSE_M = 0.45, 5.3
 _TRAMLINES_M = 21.0
+# Warmth of a tile as 16-bit codes: this many steps per kelvin, from minus this many kelvin.
+STEPS_PER_K, ZERO_K = 256, 128
 
 
 @compiled
@@ -98,3 +100,48 @@ def colour(
             out[i, j, 0] = np.uint8(min(max(r, 0.0), 1.0) * 255 + 0.5)
             out[i, j, 1] = np.uint8(min(max(g, 0.0), 1.0) * 255 + 0.5)
             out[i, j, 2] = np.uint8(min(max(b, 0.0), 1.0) * 255 + 0.5)
+
+
+@threaded
+@no_type_check
+def warm(
+    column: int,
+    row: int,
+    pixel_m: float,
+    colours: Array,
+    decode: Array,
+    cover: Array,
+    surfaces: Array,
+    road: Array,
+    track: Array,
+    mid: Array,
+    coarse: Array,
+    snow: float,
+    out: Array,
+) -> None:
+    """Warmth (h, w, 3) of a tile that `colour` painted: shade_K, what 1 kW/m2 of light adds [K], reflectivity.
+
+    surfaces: rows of `surfaces.Surface` for every cover, then the road's, then snow's. Values are codes.
+    """
+    asphalt, white = surfaces[-2], surfaces[-1]
+    for i in numba.prange(out.shape[0]):
+        for j in range(out.shape[1]):
+            x, y = (column + j + 0.5) * pixel_m, (row + i + 0.5) * pixel_m
+            middle = _noise(mid, x / MID_M, y / MID_M)
+            wide = _noise(coarse, x / COARSE_M, y / COARSE_M)
+            m = surfaces[cover[i, j]]
+            share = road[i, j] / 255.0
+            drift = 0.0
+            if snow > 0:
+                worn = max((track[i, j] - 128.0) / 255.0, 0.0)
+                drift = min(max(snow * (1.0 - 8.0 * worn) + 0.15 * middle, 0.0), 1.0)
+            vary = 1 + (1 - 0.85 * share) * (0.13 * middle + 0.16 * wide)
+            rgb = colours[i, j]
+            absorbed = 1 - (0.3 * decode[rgb[0]] + 0.6 * decode[rgb[1]] + 0.1 * decode[rgb[2]])
+            for k in range(3):
+                value = m[k] + share * (asphalt[k] + drift * (white[k] - asphalt[k]) - m[k])
+                if k == 1:
+                    value *= absorbed * vary
+                elif k == 2:
+                    value = 1 - value
+                out[i, j, k] = np.uint16((value + ZERO_K) * STEPS_PER_K + 0.5)

@@ -16,13 +16,13 @@ STEP = 8
 """Pixels between the nodes of ground and rays; linear between."""
 TILE = 64
 # Depth of shadow-map texels on slanted faces [m].
-_BIAS_M = 0.35
-_GROUND_BIAS_M = 0.05
+BIAS_M = 0.35
+GROUND_BIAS_M = 0.05
 
 
 @compiled
 @no_type_check
-def _between(nodes: Array, u: float, v: float, out: Array) -> None:
+def between(nodes: Array, u: float, v: float, out: Array) -> None:
     """Nodes (rows, columns, k), the first at pixel (-STEP, -STEP), linear at a pixel."""
     x, y = u / STEP + 1, v / STEP + 1
     j, i = int(x), int(y)
@@ -36,7 +36,7 @@ def _between(nodes: Array, u: float, v: float, out: Array) -> None:
 @compiled
 @no_type_check
 def _inverse_depth(ground: Array, u: float, v: float) -> float:
-    """1/depth of the ground at a pixel, as `_between`."""
+    """1/depth of the ground at a pixel, as `between`."""
     x, y = u / STEP + 1, v / STEP + 1
     j, i = int(x), int(y)
     a, b = x - j, y - i
@@ -47,7 +47,7 @@ def _inverse_depth(ground: Array, u: float, v: float) -> float:
 
 @compiled
 @no_type_check
-def _ground_color(pool: Array, slots: Array, grid: Array, decode: Array, x: float, y: float, rgb: Array) -> None:
+def tile_texel(pool: Array, slots: Array, grid: Array, decode: Array, x: float, y: float, rgb: Array) -> None:
     """Albedo of the painted ground; grid: x, y of the tiles' corner, pixel [m], pixels per tile, border."""
     n, border = int(grid[3]), int(grid[4])
     gx, gy = (x - grid[0]) / grid[2] - 0.5, (y - grid[1]) / grid[2] - 0.5
@@ -68,7 +68,7 @@ def _ground_color(pool: Array, slots: Array, grid: Array, decode: Array, x: floa
 
 @compiled
 @no_type_check
-def _texel(texels: Array, place: Array, s: float, t: float, paint: Array, rgb: Array) -> None:
+def texel(texels: Array, place: Array, s: float, t: float, paint: Array, rgb: Array) -> None:
     """Albedo of a texture (first texel, rows, columns, repeat) at (s, t): its colour and its share of the paint."""
     first, rows, columns = place[0], place[1], place[2]
     x, y = s * columns - 0.5, t * rows - 0.5
@@ -89,7 +89,7 @@ def _texel(texels: Array, place: Array, s: float, t: float, paint: Array, rgb: A
 
 @compiled
 @no_type_check
-def _weights(vertex: Array, triangle: Array, u: float, v: float, w: Array) -> None:
+def weights(vertex: Array, triangle: Array, u: float, v: float, w: Array) -> None:
     """Barycentric coordinates in space of an image point inside a triangle."""
     a, b, c = vertex[triangle[0]], vertex[triangle[1]], vertex[triangle[2]]
     area = (b[0] - a[0]) * (c[1] - a[1]) - (c[0] - a[0]) * (b[1] - a[1])
@@ -103,7 +103,7 @@ def _weights(vertex: Array, triangle: Array, u: float, v: float, w: Array) -> No
 
 @compiled
 @no_type_check
-def _near(
+def nearest_of(
     tile: int,
     columns: int,
     ground: Array,
@@ -164,7 +164,7 @@ def shade(
         rows_px, columns_px = min(TILE, height - row), min(TILE, width - column)
         nearest = np.empty((rows_px * samples, columns_px * samples), np.float32)
         owner = np.empty((rows_px * samples, columns_px * samples), np.int32)
-        _near(tile, columns, ground, triangles, start, entries, vertex, samples, nearest, owner)
+        nearest_of(tile, columns, ground, triangles, start, entries, vertex, samples, nearest, owner)
         g, d, rgb, w = np.empty(7), np.empty(3), np.empty(3, np.float32), np.empty(3)
         total = np.empty(3)
         for i in range(rows_px):
@@ -177,27 +177,27 @@ def shade(
                         v = row + i + (a + 0.5) / samples - 0.5
                         mirrored, depth = 0.0, 0.0
                         if t == -1:
-                            _between(ground, u, v, g)
-                            _ground_color(pool, slots, grid, decode, g[0], g[1], rgb)
+                            between(ground, u, v, g)
+                            tile_texel(pool, slots, grid, decode, g[0], g[1], rgb)
                             sun, sky, depth = g[6], 1.0, 1 / g[3]
-                            sun *= lit(frame, shadow, g[4], g[5], g[2] + _GROUND_BIAS_M)
+                            sun *= lit(frame, shadow, g[4], g[5], g[2] + GROUND_BIAS_M)
                         elif t >= 0:
                             triangle = triangles[t]
-                            _weights(vertex, triangle, u, v, w)
+                            weights(vertex, triangle, u, v, w)
                             p, q, r = vertex[triangle[0]], vertex[triangle[1]], vertex[triangle[2]]
                             s = w[0] * p[3] + w[1] * q[3] + w[2] * r[3]
                             o = w[0] * p[4] + w[1] * q[4] + w[2] * r[4]
-                            _texel(texels, textures[triangle[3]], s, o, paint[triangle[4]], rgb)
+                            texel(texels, textures[triangle[3]], s, o, paint[triangle[4]], rgb)
                             sun = w[0] * p[5] + w[1] * q[5] + w[2] * r[5]
                             sky = w[0] * p[6] + w[1] * q[6] + w[2] * r[6]
                             mirrored = w[0] * p[7] + w[1] * q[7] + w[2] * r[7]
                             depth = 1 / nearest[i * samples + a, j * samples + b]
-                            _between(rays, u, v, d)
+                            between(rays, u, v, d)
                             z = centre[2] + depth * d[2]
                             x = centre[0] + depth * d[0] - (z - frame[3]) * frame[4]
                             y = centre[1] + depth * d[1] - (z - frame[3]) * frame[5]
                             if sun > 0:
-                                sun *= lit(frame, shadow, x, y, z + _BIAS_M)
+                                sun *= lit(frame, shadow, x, y, z + BIAS_M)
                         clear = np.exp(-light[9] * depth) if t >= -1 else 0.0
                         for k in range(3):
                             shone = 0.0
@@ -228,7 +228,7 @@ def measure(
         rows_px, columns_px = min(TILE, height - row), min(TILE, width - column)
         nearest = np.empty((rows_px, columns_px), np.float32)
         owner = np.empty((rows_px, columns_px), np.int32)
-        _near(tile, columns, ground, triangles, start, entries, vertex, 1, nearest, owner)
+        nearest_of(tile, columns, ground, triangles, start, entries, vertex, 1, nearest, owner)
         for i in range(rows_px):
             for j in range(columns_px):
                 t = owner[i, j]

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from sim.aerial.library import Mesh, Texture
+from sim.aerial.surfaces import LEAVES
 from sim.textures import noise
 
 Array = np.ndarray
@@ -22,7 +23,7 @@ def foliage(rng: np.random.Generator, size: int = 256) -> Texture:
     texels = np.zeros((size, size, 4), np.float32)
     texels[..., 3] = np.clip(light, 0.2, 3.0)
     texels[..., 0] = 0.006 * np.clip(mid, 0, 2)
-    return Texture(texels, repeat=True)
+    return Texture(texels, repeat=True, coat=LEAVES, bare=LEAVES)
 
 
 def crowns(rng: np.random.Generator, texture: int) -> list[Mesh]:

@@ -10,14 +10,17 @@ import numpy as np
 from jaxtyping import Float
 
 from sim.aerial.library import Mesh, Texture, linear
+from sim.aerial.surfaces import GLASS, SHEET
 from sim.meshes import VEHICLE_KINDS, make_vehicle
 from sim.meshes.atlas import Atlas
 from sim.meshes.paint import paint_vehicle
-from sim.meshes.shapes import SHAPES
+from sim.meshes.shapes import SHAPES, Shape
 from sim.textures import linear_from_srgb
 
 Array = np.ndarray
 _WIDTH_PX, _SHRINK = 1024, 4
+# Where there is no bonnet, the engine is so near the front; its warmth ends softly; and a rolling tyre's share of it.
+_UNDER_CAB_M, _SOFT_M, _TYRE = 1.2, 0.12, 0.4
 # Share of paints on German roads (Kraftfahrt-Bundesamt, rounded) in sRGB.
 PAINTS = {
     "white": ((0.86, 0.86, 0.85), 0.21),
@@ -55,13 +58,27 @@ def _vehicle(kind: str, texture: int) -> tuple[Mesh, Texture]:
     atlas = Atlas(model.size_m, model.wheel_radius_m, _WIDTH_PX)
     bare, coated = (_painted(kind, atlas, model.wheel_radius_m, value) for value in (0.0, 1.0))
     share = np.clip(coated - bare, 0, 1).mean(axis=2)
-    return mesh, Texture(np.dstack([bare, share]), repeat=False)
+    engine = _engine(SHAPES[kind], atlas, model.wheel_radius_m)
+    return mesh, Texture(np.dstack([bare, share]), repeat=False, coat=SHEET, bare=GLASS, engine=engine)
 
 
 def _painted(kind: str, atlas: Atlas, wheel_m: float, value: float) -> Float[Array, "h w 3"]:
     image = paint_vehicle(SHAPES[kind], atlas, (value, value, value), wheel_m, np.random.default_rng(0))
     light = linear_from_srgb(image / 255.0)
     return np.asarray(cv2.resize(light, None, fx=1 / _SHRINK, fy=1 / _SHRINK, interpolation=cv2.INTER_AREA))
+
+
+def _engine(shape: Shape, atlas: Atlas, wheel_m: float) -> Float[Array, "h w"]:
+    """Share of a running engine's warmth: all of it over the engine, some at the wheels."""
+    image = np.zeros((*atlas.shape, 3), np.float32)
+    length, width, height = shape.size_m
+    begins = shape.windscreen[1] if shape.windscreen else length - _UNDER_CAB_M
+    one, tyre = (1.0, 1.0, 1.0), (_TYRE, _TYRE, _TYRE)
+    atlas.board("top", image).rect(begins, 0.0, length - begins, 0.42 * width, one)
+    atlas.board("front", image).rect(-0.35 * width, 0.2 * height, 0.7 * width, 0.4 * height, one)
+    atlas.board("wheel", image).disc((0.0, 0.0), wheel_m, tyre)
+    soft = cv2.GaussianBlur(image[..., 0], (0, 0), _SOFT_M * atlas.scale)
+    return np.asarray(cv2.resize(soft, None, fx=1 / _SHRINK, fy=1 / _SHRINK, interpolation=cv2.INTER_AREA))
 
 
 def draw_paints(kinds: Sequence[str], rng: np.random.Generator) -> Float[Array, "n 3"]:

@@ -102,8 +102,7 @@ def _nodes(scene: AerialScene, camera: Camera, T_wc: Pose, view: Array) -> tuple
 def _may_be_seen(scene: AerialScene, instances: Instances, view: Array) -> Array:
     """Whether an instance's ball touches the cone of the image, by the rays along its border."""
     place = instances.place
-    scale = np.sqrt(np.max(np.sum(place[:, :9].reshape(-1, 3, 3) ** 2, axis=1), axis=1)) if len(place) else np.zeros(0)
-    radius = scene.library.radius[instances.mesh] * scale
+    radius = scene.library.radius[instances.mesh] * instances.scale
     d = place[:, 9:] - view[9:12]
     p = d @ view[:9].reshape(3, 3).T
     tangent = np.sqrt(view[22])
@@ -127,8 +126,8 @@ def shadow_map(scene: AerialScene, view: View, spacing: float, vehicles: Vehicle
     spacing = max(spacing, float(np.sqrt(np.prod(high - low) / _LARGEST_SHADOW_MAP)))
     columns, rows = (int(n) + 2 for n in (high - low) / spacing)
     frame = np.array([*low, spacing, z0, *slant])
-    casters = Instances.joined([scene.standing, scene.placed(vehicles)])
-    casters = casters.chosen(_casts(scene, casters, frame, rows, columns))
+    groups = (scene.standing, scene.placed(vehicles))
+    casters = Instances.joined([g.chosen(_casts(scene, g, frame, rows, columns)) for g in groups])
     library = scene.library
     height = shadow_kernels.cast(
         frame, casters.mesh, casters.place, library.vertex_first, library.face_first, library.vertices, library.faces,
@@ -140,8 +139,7 @@ def shadow_map(scene: AerialScene, view: View, spacing: float, vehicles: Vehicle
 def _casts(scene: AerialScene, instances: Instances, frame: Array, rows: int, columns: int) -> Array:
     """Whether an instance's shadow can fall on the map."""
     place = instances.place
-    scale = np.sqrt(np.max(np.sum(place[:, :9].reshape(-1, 3, 3) ** 2, axis=1), axis=1)) if len(place) else np.zeros(0)
-    radius = scene.library.radius[instances.mesh] * scale * (1 + np.hypot(frame[4], frame[5]))
+    radius = scene.library.radius[instances.mesh] * instances.scale * (1 + np.hypot(frame[4], frame[5]))
     at = place[:, 9:11] - (place[:, 11:] - frame[3]) * frame[4:6]
     size = np.array([columns, rows]) * frame[2]
     return np.asarray(((at > frame[:2] - radius[:, None]) & (at < frame[:2] + size + radius[:, None])).all(axis=1))

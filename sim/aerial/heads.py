@@ -1,0 +1,47 @@
+"""The picture that a head of a camera system takes of a scene: colour, grey or thermal, through its sensor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import UInt8
+
+from sim.aerial.exposure import CAMERA, expose
+from sim.aerial.renderer import render
+from sim.aerial.scene import AerialScene
+from sim.aerial.thermal import ThermalSensor, Weather, grey, render_thermal, sense
+from sim.camera import Camera
+from sim.camera_systems import Head
+from sim.pose import Pose
+from sim.sensor import Sensor
+
+Array = np.ndarray
+BOLOMETER = ThermalSensor()
+
+
+def picture(
+    scene: AerialScene,
+    head: Head,
+    camera: Camera,
+    T_wc: Pose,
+    t_s: float,
+    samples: int,
+    rng: np.random.Generator,
+    *,
+    sensor: Sensor = CAMERA,
+    thermal: ThermalSensor = BOLOMETER,
+) -> UInt8[Array, "h w *c"]:
+    """The image of 8 bits, (h, w, 3) of a colour head, (h, w) of a monochrome or thermal one.
+
+    ``camera`` is the true one of the head, ``T_wc`` its true pose. Thermal images are grey over the span of the
+    scene's weather, the same in every image.
+
+    Raises
+        ValueError: fewer than one sample.
+    """
+    if head.band == "thermal":
+        kelvin = render_thermal(scene, camera, T_wc, t_s, samples)
+        return grey(sense(kelvin, thermal, rng), Weather.of(scene.world).span_K())
+    seen = render(scene, camera, T_wc, t_s, samples)
+    return expose(seen, replace(sensor, grey=head.band == "mono"), rng)
