@@ -1,7 +1,7 @@
 """A camera at a pose for compiled loops: points to pixels, and pixels to rays.
 
 A view is 23 numbers, as `view_of` makes it: rotation world to camera (9, by rows), projection centre (3), K (fx, skew,
-cx, fy, cy), distortion (k1, k2, p1, p2, k3), largest squared radius of a ray that is followed.
+cx, fy, cy), distortion (k1, k2, p1, p2, k3), largest squared radius at which the distortion is Brown's.
 """
 
 from __future__ import annotations
@@ -36,7 +36,11 @@ def view_of(camera: Camera, T_wc: Pose) -> Array:
 @compiled
 @no_type_check
 def pixel_of(view: Array, x: float, y: float, z: float) -> Any:
-    """(u, v, 1/depth) of a point; NaN behind the camera or far outside the image."""
+    """(u, v, 1/depth) of a point; NaN behind the camera.
+
+    Far outside the image, where Brown's polynomial folds back, what it does at the bound goes on in proportion: what
+    reaches into the image from there keeps its corners.
+    """
     dx, dy, dz = x - view[9], y - view[10], z - view[11]
     depth = view[6] * dx + view[7] * dy + view[8] * dz
     if not depth > 0:
@@ -44,12 +48,14 @@ def pixel_of(view: Array, x: float, y: float, z: float) -> Any:
     a = (view[0] * dx + view[1] * dy + view[2] * dz) / depth
     b = (view[3] * dx + view[4] * dy + view[5] * dz) / depth
     r2 = a * a + b * b
+    beyond = 1.0
     if r2 > view[22]:
-        return np.nan, np.nan, np.nan
+        beyond = np.sqrt(r2 / view[22])
+        a, b, r2 = a / beyond, b / beyond, view[22]
     k1, k2, p1, p2, k3 = view[17], view[18], view[19], view[20], view[21]
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    ad = a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a)
-    bd = b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b
+    ad = beyond * (a * radial + 2 * p1 * a * b + p2 * (r2 + 2 * a * a))
+    bd = beyond * (b * radial + p1 * (r2 + 2 * b * b) + 2 * p2 * a * b)
     return view[12] * ad + view[13] * bd + view[14], view[15] * bd + view[16], 1 / depth
 
 

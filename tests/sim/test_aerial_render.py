@@ -135,6 +135,13 @@ def test_depth_is_that_of_the_ground_and_of_what_stands_on_it() -> None:
     np.testing.assert_allclose(level[plate_], 30.0, atol=5e-4)  # single precision of 1/depth
 
 
+def test_what_reaches_into_the_image_from_far_outside_is_seen() -> None:
+    """A plate of 400 m with corners at eight times the image's radius, where Brown's polynomial has folded back."""
+    at = np.array([[0.0, 0.0, 30.0]])
+    truth = measure(scene((), (plate(400.0),), at), CAMERA, T_WC)
+    assert (truth.instance == -3).all()
+
+
 def test_a_vehicle_is_seen_where_it_is_and_as_far_as_nothing_hides_it() -> None:
     middle = markers()[12]
     state = vehicle((float(middle[0]), float(middle[1])))
