@@ -14,9 +14,9 @@ import sys
 import tomllib
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rich.console import Console
 from rich.table import Table
@@ -153,7 +153,7 @@ def _dispatch(parsed: argparse.Namespace) -> int:
 
 
 def _run(parsed: argparse.Namespace) -> int:
-    from scenarios import engine, recording, spec, summary
+    from scenarios import spec, summary
     from scenarios.console import Reporter
 
     console = Console()
@@ -161,14 +161,28 @@ def _run(parsed: argparse.Namespace) -> int:
     name = spec.find(parsed.scenario).stem
     out = parsed.out or Path("runs") / f"{name}-{scenario.seed}"
     progress = Reporter(console)
-    run = recording.run if scenario.kind == "recording" else engine.run
-    outcome = run(name, scenario, out, progress, parsed.stage, parsed.estimator, parsed.overwrite)
+    outcome = _engine(scenario.kind)(name, scenario, out, progress, parsed.stage, parsed.estimator, parsed.overwrite)
     for label, reason in outcome.failed.items():
         progress.say(f"estimator {label!r} gave nothing: {reason}")
     if parsed.stage == "report":
         summary.show(console, outcome.folder)
         progress.say(f"report  {outcome.folder / 'report.html'}")
     return 0 if outcome.any_estimate or parsed.stage in ("simulate", "track") else 1
+
+
+def _engine(kind: str) -> Callable[..., Any]:
+    """What runs a scenario of a kind."""
+    if kind == "flight":
+        from scenarios import flight
+
+        return flight.run
+    if kind == "recording":
+        from scenarios import recording
+
+        return recording.run
+    from scenarios import engine
+
+    return engine.run
 
 
 def _study(parsed: argparse.Namespace) -> int:

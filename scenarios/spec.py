@@ -22,6 +22,7 @@ FOLDER = Path(__file__).parent
 _PATHS = (
     *(("vehicle", "*", "motion", "labels"), ("vehicle", "*", "mesh"), ("ego", "poses")),
     *(("recording", key) for key in ("left", "right", "calib", "poses", "boxes")),
+    *(("ground", key) for key in ("roads", "buildings", "terrain")),
 )
 
 
@@ -46,7 +47,7 @@ class EstimatorSpec(Spec):
 
     def build(self) -> Any:
         """The estimator itself; raises ValueError where its constructor does."""
-        return registry()[self.name](**self.arguments)
+        raise NotImplementedError
 
 
 class FrontEndSpec(Spec):
@@ -78,9 +79,13 @@ def constructor(cls: type[Any]) -> dict[str, Any]:
     return fields
 
 
-def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
+def _estimator_model(name: str, cls: type[Any], known: Mapping[str, type[Any]]) -> type[EstimatorSpec]:
+    class One(EstimatorSpec):
+        def build(self) -> Any:
+            return known[name](**self.arguments)
+
     fields = {"name": (Literal[name], ...)} | constructor(cls)
-    return create_model(f"estimator_{name}", __base__=EstimatorSpec, __doc__=cls.__doc__, **fields)
+    return create_model(f"estimator_{name}", __base__=One, __doc__=cls.__doc__, **fields)
 
 
 def _front_end_model() -> type[FrontEndSpec]:
@@ -95,9 +100,10 @@ def one_of(models: Sequence[type[Spec]]) -> Any:
     return Annotated[union, Field(discriminator="name")] if len(models) > 1 else union
 
 
-def estimator_type() -> Any:
-    """The type of an ``[[estimator]]``: one of those that are installed."""
-    return one_of([_estimator_model(n, c) for n, c in sorted(registry().items())])
+def estimator_type(known: Mapping[str, type[Any]] | None = None) -> Any:
+    """The type of an ``[[estimator]]``: one of those known, by default those for stereo that are installed."""
+    known = registry() if known is None else known
+    return one_of([_estimator_model(n, c, known) for n, c in sorted(known.items())])
 
 
 def check_labels(estimators: Sequence[Any]) -> None:
@@ -143,9 +149,13 @@ def run_model() -> type[Scenario]:
     return Run
 
 
+KINDS = ("stereo", "recordings", "flights")
+"""Folders of the scenarios that ship with the project."""
+
+
 def names() -> dict[str, Path]:
     """The scenarios that ship with the project, by name."""
-    return {p.stem: p for kind in ("stereo", "recordings") for p in sorted(FOLDER.glob(f"{kind}/*.toml"))}
+    return {p.stem: p for kind in KINDS for p in sorted(FOLDER.glob(f"{kind}/*.toml"))}
 
 
 def find(name_or_file: str) -> Path:
@@ -219,6 +229,10 @@ def _model(data: dict[str, Any]) -> type[Spec]:
         from scenarios.recording_spec import recording_model
 
         return recording_model()
+    if data.get("kind") == "flight":
+        from scenarios.flight_spec import flight_model
+
+        return flight_model()
     return run_model()
 
 
@@ -284,7 +298,9 @@ def absolutise(data: dict[str, Any], base: Path) -> None:
     for pattern in _PATHS:
         for owner, last in _owners(data, pattern):
             value = owner.get(last)
-            if isinstance(value, str) and (last != "mesh" or any(c in value for c in "./\\")):
+            if isinstance(value, list):
+                owner[last] = [str((base / v).resolve()) if isinstance(v, str) else v for v in value]
+            elif isinstance(value, str) and (last != "mesh" or any(c in value for c in "./\\")):
                 owner[last] = str((base / value).resolve())
 
 
@@ -302,7 +318,8 @@ def _owners(node: Any, pattern: tuple[str, ...]) -> Iterator[tuple[dict[str, Any
 def input_files(spec: Scenario) -> list[Path]:
     """Files outside the scenario that its result depends on."""
     data = spec.model_dump(mode="json")
-    found = [owner.get(last) for pattern in _PATHS for owner, last in _owners(data, pattern)]
+    values = [owner.get(last) for pattern in _PATHS for owner, last in _owners(data, pattern)]
+    found = [path for value in values for path in (value if isinstance(value, list) else [value])]
     return [Path(p) for p in found if isinstance(p, str) and ("/" in p or "\\" in p)]
 
 

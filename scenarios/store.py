@@ -26,7 +26,7 @@ _PACKAGES = (
     *("numba", "PyOpenGL", "pydantic"),
 )
 # The code each stage depends on, by package folder.
-_SCENE = ("sim", "scenarios/footage.py", "scenarios/shots.py")
+_SCENE = ("sim", "scenarios/footage.py", "scenarios/shots.py", "scenarios/flight_footage.py")
 _CODE = {
     "simulate": _SCENE,
     "track": (*_SCENE, "estimators"),

@@ -16,6 +16,10 @@ _ROWS = (
     ("velocity", "all", "rms"),
     ("yaw_rate", "all", "rms"),
 )
+_OF_FLIGHTS = (
+    *(("ortho", "all", statistic) for statistic in ("made", "failed", "bias", "rms", "max")),
+    ("road", "all", "completeness"),
+)
 _OF_RECORDINGS = tuple(
     (quantity, "all", "median")
     for quantity in (
@@ -23,6 +27,7 @@ _OF_RECORDINGS = tuple(
         *("rotation_error", "translation_error", "scale", "distance_ratio", "speed_difference"),
     )
 )
+_BY_QUANTITY = {"position": _ROWS, "ortho": _OF_FLIGHTS}
 
 
 def show(console: Console, folder: Path) -> None:
@@ -35,7 +40,8 @@ def show(console: Console, folder: Path) -> None:
     for label in labels:
         table.add_column(label, justify="right", overflow="fold")
     measured = set(plain["quantity"])
-    rows = _ROWS if "position" in measured else [row for row in _OF_RECORDINGS if row[0] in measured]
+    known = next((rows for name, rows in _BY_QUANTITY.items() if name in measured), _OF_RECORDINGS)
+    rows = [row for row in known if row[0] in measured]
     for quantity, axis, statistic in rows:
         cells = []
         for label in labels:
@@ -45,7 +51,14 @@ def show(console: Console, folder: Path) -> None:
                 & (plain["axis"] == axis)
                 & (plain["statistic"] == statistic)
             ]
-            cells.append(f"{float(hit['value'].iloc[0]):.3g} {hit['unit'].iloc[0]}" if len(hit) else "-")
+            cells.append(_cell(hit))
         name = f"{quantity} {axis}" if axis != "all" else quantity
         table.add_row(f"{name.replace('_', ' ')} {statistic}", *cells)
     console.print(table, highlight=False)
+
+
+def _cell(rows: pd.DataFrame) -> str:
+    if rows.empty:
+        return "-"
+    unit = rows["unit"].iloc[0]
+    return f"{float(rows['value'].iloc[0]):.3g}{'' if unit == '1' else f' {unit}'}"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -42,6 +44,11 @@ class ElevationGrid:
         if not (self.spacing_m > 0 and math.isfinite(self.spacing_m)):
             raise ValueError(f"ElevationGrid.spacing_m: expected > 0, got {self.spacing_m}")
         object.__setattr__(self, "heights_m", freeze(h))
+
+    @staticmethod
+    def from_fields(fields: Mapping[str, Any]) -> ElevationGrid:
+        x, y = fields["corner_m"]
+        return ElevationGrid(fields["heights_m"], (float(x), float(y)), float(fields["spacing_m"]))
 
     @property
     def bounds_m(self) -> Bounds:

@@ -31,6 +31,8 @@ from sim.terrain import Bounds, ElevationGrid
 
 Array = np.ndarray
 _SNOW = 0.75
+SIGNAL_M = 0.9
+"""Diameter of the signal of a control point."""
 # Grass beside the pavement of a motorway.
 _EMBANKMENT_M = 7.0
 _OCCUPIED, _APART_M = 0.55, 0.1
@@ -43,7 +45,8 @@ class AerialWorld:
 
     ``bounds_m`` is what is furnished, and lies on the terrain. ``style`` says what stands on blocks between small
     streets; with ``footprints`` (of a map) these stand there instead. ``traffic`` drives
-    on the roads; more cars stand in bays between them.
+    on the roads; more cars stand in bays between them. ``signals`` (n, 2) [m] are white discs of `SIGNAL_M` on the
+    ground.
     """
 
     terrain: ElevationGrid
@@ -54,6 +57,7 @@ class AerialWorld:
     sunlight: Sunlight = field(default_factory=Sunlight)
     footprints: tuple[Footprint, ...] | None = None
     traffic: Traffic | None = None
+    signals: Float[Array, "n 2"] = field(default_factory=lambda: np.zeros((0, 2)))
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -125,12 +129,13 @@ def build(world: AerialWorld) -> AerialScene:
     footprints = tuple(land.footprints if world.footprints is None else world.footprints)
     houses = shapely.STRtree([f.polygon for f in footprints])
     bays = _clear(land.bays, houses)
+    signals = shapely.buffer(shapely.points(world.signals), SIGNAL_M / 2)
     plan = GroundPlan(
         base=material("grass", world.season),
         covers=tuple(land.covers),
         strips=surface.strips,
         wear=surface.wear,
-        paint=(*surface.paint, *land.paint, *bay_lines(bays)),
+        paint=(*surface.paint, *land.paint, *bay_lines(bays), *signals),
         snow=_SNOW if world.season == "winter" else 0.0,
     )
     ground = PaintedGround(plan, world.terrain.bounds_m, stream(world.seed, 0, "aerial/ground"))

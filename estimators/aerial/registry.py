@@ -1,0 +1,13 @@
+"""The estimators for flights, by name: each is a frozen dataclass whose constructor is its configuration.
+
+It is called with the observations of a flight, their folder, a folder for what it makes, and a function to be called
+after every image; it returns what can ``save`` itself into that folder, or `EstimationFailed`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from estimators.aerial.orthorectification import Orthorectification
+
+FLIGHT_ESTIMATORS: dict[str, type[Any]] = {"orthorectification": Orthorectification}
