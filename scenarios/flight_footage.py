@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +11,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, UInt8
 
-from sim.aerial import AerialScene, AerialTruth, build, measure, render
-from sim.aerial.exposure import CAMERA, expose
+from sim.aerial import AerialScene, AerialTruth, build, measure
+from sim.aerial.heads import picture
 from sim.archive import write_text
 from sim.camera import Camera
 from sim.exif import exif_block
@@ -63,8 +62,7 @@ def _picture(
     spec: FlightScenario, scene: AerialScene, head: FlightCamera, T_wc: Pose, t_s: float, image: int
 ) -> UInt8[Array, "h w *c"]:
     rng = stream(spec.seed, RUN, f"flight/sensor/{head.name}/{image}")
-    sensor = replace(CAMERA, grey=head.band != "rgb")
-    return expose(render(scene, head.camera, T_wc, t_s, spec.imaging.samples), sensor, rng)
+    return picture(scene, head.band, head.camera, T_wc, t_s, spec.imaging.samples, rng)
 
 
 def _write_image(path: Path, image: Array, record: ImageRecord, spec: FlightScenario) -> None:

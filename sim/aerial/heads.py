@@ -12,7 +12,6 @@ from sim.aerial.renderer import render
 from sim.aerial.scene import AerialScene
 from sim.aerial.thermal import ThermalSensor, Weather, grey, render_thermal, sense
 from sim.camera import Camera
-from sim.camera_systems import Head
 from sim.pose import Pose
 from sim.sensor import Sensor
 
@@ -22,7 +21,7 @@ BOLOMETER = ThermalSensor()
 
 def picture(
     scene: AerialScene,
-    head: Head,
+    band: str,
     camera: Camera,
     T_wc: Pose,
     t_s: float,
@@ -32,7 +31,7 @@ def picture(
     sensor: Sensor = CAMERA,
     thermal: ThermalSensor = BOLOMETER,
 ) -> UInt8[Array, "h w *c"]:
-    """The image of 8 bits, (h, w, 3) of a colour head, (h, w) of a monochrome or thermal one.
+    """The image of 8 bits by a head's band: (h, w, 3) of "rgb", (h, w) of "mono" and "thermal".
 
     ``camera`` is the true one of the head, ``T_wc`` its true pose. Thermal images are grey over the span of the
     scene's weather, the same in every image.
@@ -40,8 +39,8 @@ def picture(
     Raises
         ValueError: fewer than one sample.
     """
-    if head.band == "thermal":
+    if band == "thermal":
         kelvin = render_thermal(scene, camera, T_wc, t_s, samples)
         return grey(sense(kelvin, thermal, rng), Weather.of(scene.world).span_K())
     seen = render(scene, camera, T_wc, t_s, samples)
-    return expose(seen, replace(sensor, grey=head.band == "mono"), rng)
+    return expose(seen, replace(sensor, grey=band == "mono"), rng)

@@ -153,7 +153,7 @@ def test_heads_give_their_bands_the_same_every_time(summer: AerialScene) -> None
     (colour,) = argos().heads
 
     def taken(head: Head) -> Array:
-        return picture(summer, head, FINE, T_wc, 1.0, 1, np.random.default_rng(3))
+        return picture(summer, head.band, FINE, T_wc, 1.0, 1, np.random.default_rng(3))
 
     assert taken(colour).shape == (240, 320, 3)
     for head in (mono, thermal):
