@@ -32,6 +32,7 @@ def _rms(v: Array, axis: int) -> Array:
     return np.asarray(np.sqrt(np.mean(v * v, axis=axis)))
 
 
+_ORTHO = ("", "_common", "_passes", "_images", "_within", "_pass", "_image", "_zone", "_predicted")
 MEASURES = {
     "lost": Measure("1", "lower", "mean", np.mean),
     "least_variance": Measure("1", "one", "median", np.median),
@@ -43,6 +44,10 @@ MEASURES = {
     "nees": Measure("1", "one", "mean", np.mean),
     "nis": Measure("1", "one", "mean", np.mean),
     "nis_dof": Measure("1", "higher", "mean", np.mean),
+    **{f"ortho{part}": Measure("m", "lower", "rms", _rms) for part in _ORTHO},
+    **{f"ortho_cell_{axis}": Measure("m", "zero", "mean", np.mean) for axis in "xy"},
+    **{f"ortho_cell_{axis}": Measure("px", "zero", "mean", np.mean) for axis in "uv"},
+    "ortho_lost": Measure("1", "lower", "mean", np.mean),
 }
 
 

@@ -10,6 +10,7 @@ from jaxtyping import UInt8
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
+from matplotlib.patheffects import Normal, Stroke
 
 from estimators.aerial.geotiff import read_geotiff
 from estimators.aerial.orthorectification import ORTHOS, OrthoImages
@@ -22,6 +23,8 @@ from reports.flights.run import FlightRun
 Array = np.ndarray
 _KM = 1000.0
 _CROP_PX = (900, 600)
+# White on light ground, and in a legend on white.
+_OUTLINED = (Stroke(linewidth=1.6, foreground="black"), Normal())
 _ROAD, _CAR = "#FFD400", "#00E5FF"
 
 
@@ -51,7 +54,9 @@ def _footprints(ax: Axes, run: FlightRun, orthos: OrthoImages, own: list[int]) -
     for n, k in enumerate(own):
         camera = run.observations.camera(int(orthos.image[k])).camera
         border = footprint(camera, orthos.T_wc[k], run.observations.terrain)[:, :2] / _KM
-        ax.add_patch(Polygon(border, fill=False, ec="white", lw=0.6, label="image" if n == 0 else None))
+        label = "image by its measured orientation" if n == 0 else None
+        line = Polygon(border, fill=False, ec="white", lw=0.7, path_effects=_OUTLINED, label=label)
+        ax.add_patch(line)
 
 
 @styled

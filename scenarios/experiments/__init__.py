@@ -18,6 +18,7 @@ from typing import Annotated, Any, Literal, Protocol
 import pandas as pd
 from pydantic import Field, ValidationError, create_model, model_validator
 
+from scenarios.experiments.ortho_accuracy import OrthoAccuracy
 from scenarios.experiments.scalar_filter import ScalarFilter
 from scenarios.experiments.single_precision import SinglePrecision
 from scenarios.spec import constructor
@@ -35,7 +36,11 @@ class Experiment(Protocol):
         """Rows (estimator, quantity, t_s, value): case, what was measured, and after how many steps."""
 
 
-EXPERIMENTS: dict[str, type[Any]] = {"scalar_filter": ScalarFilter, "single_precision": SinglePrecision}
+EXPERIMENTS: dict[str, type[Any]] = {
+    "ortho_accuracy": OrthoAccuracy,
+    "scalar_filter": ScalarFilter,
+    "single_precision": SinglePrecision,
+}
 
 
 class ExperimentSpec(Spec):
