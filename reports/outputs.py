@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pandas as pd
 from matplotlib.figure import Figure
 
-from reports import battery_outputs, recursive, rig_outputs, siegemund
+from reports import battery_outputs, kozempel, recursive, rig_outputs, siegemund
 from reports.studies import heat_map, lines, measures, metrics
 
 TABLES: dict[str, Callable[..., pd.DataFrame]] = {
@@ -15,6 +15,7 @@ TABLES: dict[str, Callable[..., pd.DataFrame]] = {
     "measures": measures,
     **siegemund.TABLES,
     **recursive.TABLES,
+    **kozempel.TABLES,
     **rig_outputs.TABLES,
     **battery_outputs.TABLES,
 }
@@ -23,6 +24,7 @@ FIGURES: dict[str, Callable[..., Figure]] = {
     "heat_map": heat_map,
     **siegemund.FIGURES,
     **recursive.FIGURES,
+    **kozempel.FIGURES,
     **rig_outputs.FIGURES,
     **battery_outputs.FIGURES,
 }
