@@ -53,9 +53,10 @@ class Navigation:
     applied (`sim.angles.body_rotation`); velocity_w (n, 3) [m/s]; rate_b (n, 3) [rad/s]. Stated sigmas of every record:
     sigma_rph (3,) of roll, pitch, heading [rad], sigma_position_m (3,) east, north, up. constant_share is the share of
     their variances that is the same in all records (alignment, reference station): no number of images averages it.
+    vibration [rad] is the camera's own turning about each axis, anew in every record and unseen by the IMU.
 
     Raises
-        ValueError: times that do not increase, sigmas that are not positive, a share outside [0, 1).
+        ValueError: times that do not increase, sigmas that are not positive, a share outside [0, 1), vibration < 0.
     """
 
     t_s: Float[Array, "n"]
@@ -65,6 +66,7 @@ class Navigation:
     sigma_rph: Float[Array, "3"]
     sigma_position_m: Float[Array, "3"]
     constant_share: float = 0.0
+    vibration: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_fields(self)
@@ -75,6 +77,8 @@ class Navigation:
                 raise ValueError(f"Navigation.{name}: expected > 0, got {getattr(self, name).tolist()}")
         if not 0 <= self.constant_share < 1:
             raise ValueError(f"Navigation.constant_share: expected [0, 1), got {self.constant_share}")
+        if not self.vibration >= 0:
+            raise ValueError(f"Navigation.vibration: expected >= 0, got {self.vibration}")
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -128,9 +132,11 @@ class Navigation:
         E[:, 0, 2] = -np.sin(pitch)
         E[:, 1, 2], E[:, 2, 2] = np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)
         W = np.zeros((len(self), 6, 6))
-        W[:, :3, :3] = np.linalg.inv((E * self.sigma_rph**2) @ np.swapaxes(E, 1, 2))
-        W[:, [3, 4, 5], [3, 4, 5]] = self.sigma_position_m**-2
-        return W / (1 - self.constant_share)
+        own = 1 - self.constant_share
+        C = own * (E * self.sigma_rph**2) @ np.swapaxes(E, 1, 2) + self.vibration**2 * np.eye(3)
+        W[:, :3, :3] = np.linalg.inv(C)
+        W[:, [3, 4, 5], [3, 4, 5]] = self.sigma_position_m**-2 / own
+        return W
 
 
 @dataclass(frozen=True, eq=False)

@@ -29,7 +29,8 @@ from estimators.estimate import EstimationFailed
 from sim.angles import Mounting, body_rotation, rotation_map_from_navigation
 from sim.geodesy import Georeference
 from sim.navigation import NavigationSolution
-from sim.pose import Pose
+from sim.pose import Pose, exp_so3
+from sim.streams import stream
 from sim.trajectory import Trajectory
 
 Array = np.ndarray
@@ -148,6 +149,19 @@ def test_errors_that_all_images_share_enter_the_covariance() -> None:
     assert np.any(result.common.gnss_offset_w)
 
 
+def test_vibration_is_new_in_every_image_whatever_share_of_navigation_is_not() -> None:
+    runs, nees = 40, []
+    for run in range(runs):
+        f = flight(Conditions(constant_share=0.5), run)
+        shaken = np.deg2rad(0.08) * stream(5, run, "vibration").standard_normal((len(f.navigation), 3))
+        T_wb = f.navigation.T_wb
+        navigation = replace(f.navigation, T_wb=Pose(T_wb.R @ exp_so3(shaken), T_wb.t), vibration=np.deg2rad(0.08))
+        result = adjusted(replace(f, navigation=navigation))
+        e = error(f, result)
+        nees.append(e @ np.linalg.solve(result.cov, e) / 3)
+    assert abs(np.mean(nees) - 1) < 2.6 * np.sqrt(2 / (3 * runs))  # 99 %
+
+
 def test_vibration_and_gnss_errors_give_the_residuals_and_scatter_of_the_source() -> None:
     rms, scatter = [], []
     for run in range(15):
@@ -262,6 +276,8 @@ def test_wrong_input_is_refused() -> None:
         replace(navigation, sigma_rph=np.zeros(3))
     with pytest.raises(ValueError, match="constant_share: expected"):
         replace(navigation, constant_share=1.0)
+    with pytest.raises(ValueError, match="vibration: expected >= 0"):
+        replace(navigation, vibration=-0.1)
     with pytest.raises(ValueError, match="strictly increasing"):
         replace(navigation, t_s=navigation.t_s[::-1])
     with pytest.raises(ValueError, match="sigma_m: expected > 0"):
