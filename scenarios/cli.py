@@ -176,6 +176,10 @@ def _engine(kind: str) -> Callable[..., Any]:
         from scenarios import flight
 
         return flight.run
+    if kind == "calibration":
+        from scenarios import calibration
+
+        return calibration.run
     if kind == "recording":
         from scenarios import recording
 

@@ -23,6 +23,7 @@ _PATHS = (
     *(("vehicle", "*", "motion", "labels"), ("vehicle", "*", "mesh"), ("ego", "poses")),
     *(("recording", key) for key in ("left", "right", "calib", "poses", "boxes")),
     *(("ground", key) for key in ("roads", "buildings", "terrain")),
+    *(("calibration", key) for key in ("gcp_list", "images")),
 )
 
 
@@ -149,7 +150,7 @@ def run_model() -> type[Scenario]:
     return Run
 
 
-KINDS = ("stereo", "recordings", "flights")
+KINDS = ("stereo", "recordings", "flights", "calibrations")
 """Folders of the scenarios that ship with the project."""
 
 
@@ -233,6 +234,10 @@ def _model(data: dict[str, Any]) -> type[Spec]:
         from scenarios.flight_spec import flight_model
 
         return flight_model()
+    if data.get("kind") == "calibration":
+        from scenarios.calibration_spec import calibration_model
+
+        return calibration_model()
     return run_model()
 
 

@@ -29,12 +29,16 @@ _PACKAGES = (
 _SCENE = ("sim", "scenarios/footage.py", "scenarios/shots.py", "scenarios/flight_footage.py")
 _CODE = {
     "simulate": _SCENE,
+    "read": ("sim", "estimators", "scenarios/calibration_images.py", "scenarios/calibration_observations.py"),
     "track": (*_SCENE, "estimators"),
     "estimate": (*_SCENE, "estimators"),
     "label": (*_SCENE, "estimators", "reports"),
 }
 
-_REPORTED = ("report.html", "metrics.csv", "errors.parquet", "figures")
+_REPORTED = (
+    *("report.html", "metrics.csv", "errors.parquet", "figures"),
+    *("boresight.csv", "residuals.csv", "excluded.csv"),
+)
 
 
 def digest(*parts: Any) -> str:
@@ -44,7 +48,8 @@ def digest(*parts: Any) -> str:
 
 @cache
 def code_digest(stage: str) -> str:
-    """SHA-256 of the sources a stage depends on: "simulate", which draws as well, "track", "estimate" or "label"."""
+    """SHA-256 of the sources a stage depends on: "simulate", which draws as well, "track", "estimate" or "label"; of a
+    calibration "read"."""
     h = hashlib.sha256()
     for source in (ROOT / name for name in _CODE[stage]):
         for path in [source] if source.is_file() else sorted(source.rglob("*")):

@@ -27,7 +27,14 @@ _OF_RECORDINGS = tuple(
         *("rotation_error", "translation_error", "scale", "distance_ratio", "speed_difference"),
     )
 )
-_BY_QUANTITY = {"position": _ROWS, "ortho": _OF_FLIGHTS}
+_OF_CALIBRATIONS = (
+    *(("boresight", axis, what) for axis in ("omega", "phi", "kappa") for what in ("estimate", "sigma", "bias")),
+    *(("lever_arm", axis, what) for axis in ("forward", "right", "down") for what in ("estimate", "sigma")),
+    *(("time_offset", "all", what) for what in ("estimate", "sigma")),
+    *(("gnss_offset", axis, what) for axis in ("east", "north", "up") for what in ("estimate", "sigma")),
+    *(("residual", "all", "rms"), ("sigma_0", "all", "median"), ("outlier", "all", "rejected")),
+)
+_BY_QUANTITY = {"position": _ROWS, "ortho": _OF_FLIGHTS, "boresight": _OF_CALIBRATIONS}
 
 
 def show(console: Console, folder: Path) -> None:
@@ -61,4 +68,5 @@ def _cell(rows: pd.DataFrame) -> str:
     if rows.empty:
         return "-"
     unit = rows["unit"].iloc[0]
-    return f"{float(rows['value'].iloc[0]):.3g}{'' if unit == '1' else f' {unit}'}"
+    digits = ".4f" if rows["quantity"].iloc[0] == "boresight" else ".3g"
+    return f"{float(rows['value'].iloc[0]):{digits}}{'' if unit == '1' else f' {unit}'}"
