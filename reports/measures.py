@@ -33,6 +33,29 @@ def _rms(v: Array, axis: int) -> Array:
 
 
 _ORTHO = ("", "_common", "_passes", "_images", "_within", "_pass", "_image", "_zone", "_predicted")
+_ANGLES = ("omega", "phi", "kappa")
+_BORESIGHT = {
+    **{f"boresight_{a}": Measure("deg", "lower", "rms", _rms) for a in _ANGLES},
+    **{f"boresight_sigma_{a}": Measure("deg", "lower", "rms", _rms) for a in _ANGLES},
+    **{f"boresight_scatter_{a}": Measure("deg", "lower", "rms", _rms) for a in _ANGLES},
+    **{f"boresight_image_{a}": Measure("deg", "zero", "mean", np.mean) for a in _ANGLES},
+    "boresight_heading": Measure("deg", "zero", "mean", np.mean),
+    "boresight_px": Measure("px", "lower", "rms", _rms),
+    "boresight_image_px": Measure("px", "lower", "rms", _rms),
+    "boresight_nees": Measure("1", "one", "mean", np.mean),
+    "boresight_failed": Measure("1", "lower", "mean", np.mean),
+    "offset_px": Measure("px", "lower", "rms", _rms),
+    "offset_minimum": Measure("ms", "zero", "mean", np.mean),
+    "offset_gain": Measure("1", "higher", "mean", np.mean),
+    "offset_image_px": Measure("px", "lower", "rms", _rms),
+    "offset_image_zero_px": Measure("px", "lower", "rms", _rms),
+    "offset_error": Measure("ms", "lower", "rms", _rms),
+    "offset_sigma": Measure("ms", "lower", "rms", _rms),
+    "offset_inseparable": Measure("1", "lower", "mean", np.mean),
+    "ties_position": Measure("m", "lower", "rms", _rms),
+    "ties_height": Measure("m", "lower", "rms", _rms),
+    "ties_missed": Measure("1", "lower", "mean", np.mean),
+}
 MEASURES = {
     "lost": Measure("1", "lower", "mean", np.mean),
     "least_variance": Measure("1", "one", "median", np.median),
@@ -44,6 +67,7 @@ MEASURES = {
     "nees": Measure("1", "one", "mean", np.mean),
     "nis": Measure("1", "one", "mean", np.mean),
     "nis_dof": Measure("1", "higher", "mean", np.mean),
+    **_BORESIGHT,
     **{f"ortho{part}": Measure("m", "lower", "rms", _rms) for part in _ORTHO},
     **{f"ortho_cell_{axis}": Measure("m", "zero", "mean", np.mean) for axis in "xy"},
     **{f"ortho_cell_{axis}": Measure("px", "zero", "mean", np.mean) for axis in "uv"},

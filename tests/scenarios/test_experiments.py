@@ -32,6 +32,9 @@ def last(rows: pd.DataFrame, quantity: str) -> pd.Series:
 
 
 SMALL: dict[str, dict[str, Any]] = {
+    "boresight_calibration": {"images": 4},
+    "boresight_ties": {"points": 50},
+    "boresight_time_offset": {"images": 4, "offsets": 5},
     "ortho_accuracy": {"images": 1, "points": 50},
     "scalar_filter": {"steps": (1, 4)},
     "single_precision": {"steps": (1, 4)},
