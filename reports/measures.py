@@ -32,6 +32,23 @@ def _rms(v: Array, axis: int) -> Array:
     return np.asarray(np.sqrt(np.mean(v * v, axis=axis)))
 
 
+_PIXELS, _NUMBERS = ("f", "b1", "b2", "cx", "cy"), ("k1", "k2", "k3", "p1", "p2")
+_CORRELATED = ("f_k1", "k1_k2", "k2_k3", "cx_p2", "cy_p1")
+_INTERIOR = {
+    "failed": Measure("1", "lower", "mean", np.mean),
+    "points": Measure("1", "higher", "mean", np.mean),
+    "corner_noise": Measure("px", "lower", "rms", _rms),
+    "sigma_0": Measure("1", "one", "rms", _rms),
+    **{f"{p}_error": Measure("px", "lower", "rms", _rms) for p in _PIXELS},
+    **{f"{p}_error": Measure("1", "lower", "rms", _rms) for p in _NUMBERS},
+    **{f"{p}_sigma": Measure("px", "lower", "rms", _rms) for p in _PIXELS},
+    **{f"{p}_sigma": Measure("1", "lower", "rms", _rms) for p in _NUMBERS},
+    **{f"{pair}_correlation": Measure("1", "zero", "mean", np.mean) for pair in _CORRELATED},
+    "image_error": Measure("px", "lower", "rms", _rms),
+    "image_sigma": Measure("px", "lower", "rms", _rms),
+    "image_largest": Measure("px", "lower", "median", np.median),
+    "largest_turned": Measure("px", "lower", "median", np.median),
+}
 _ORTHO = ("", "_common", "_passes", "_images", "_within", "_pass", "_image", "_zone", "_predicted")
 _ANGLES = ("omega", "phi", "kappa")
 _BORESIGHT = {
@@ -68,6 +85,7 @@ MEASURES = {
     "nis": Measure("1", "one", "mean", np.mean),
     "nis_dof": Measure("1", "higher", "mean", np.mean),
     **_BORESIGHT,
+    **_INTERIOR,
     **{f"ortho{part}": Measure("m", "lower", "rms", _rms) for part in _ORTHO},
     **{f"ortho_cell_{axis}": Measure("m", "zero", "mean", np.mean) for axis in "xy"},
     **{f"ortho_cell_{axis}": Measure("px", "zero", "mean", np.mean) for axis in "uv"},

@@ -21,6 +21,7 @@ from pydantic import Field, ValidationError, create_model, model_validator
 from scenarios.experiments.boresight_calibration import BoresightCalibration
 from scenarios.experiments.boresight_ties import BoresightTies
 from scenarios.experiments.boresight_time_offset import BoresightTimeOffset
+from scenarios.experiments.interior_orientation import WallCalibration
 from scenarios.experiments.ortho_accuracy import OrthoAccuracy
 from scenarios.experiments.scalar_filter import ScalarFilter
 from scenarios.experiments.single_precision import SinglePrecision
@@ -43,6 +44,7 @@ EXPERIMENTS: dict[str, type[Any]] = {
     "boresight_calibration": BoresightCalibration,
     "boresight_ties": BoresightTies,
     "boresight_time_offset": BoresightTimeOffset,
+    "interior_orientation": WallCalibration,
     "ortho_accuracy": OrthoAccuracy,
     "scalar_filter": ScalarFilter,
     "single_precision": SinglePrecision,

@@ -35,6 +35,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "boresight_calibration": {"images": 4},
     "boresight_ties": {"points": 50},
     "boresight_time_offset": {"images": 4, "offsets": 5},
+    "interior_orientation": {"images": 3},
     "ortho_accuracy": {"images": 1, "points": 50},
     "scalar_filter": {"steps": (1, 4)},
     "single_precision": {"steps": (1, 4)},
