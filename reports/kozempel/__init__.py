@@ -9,5 +9,24 @@ from collections.abc import Callable
 import pandas as pd
 from matplotlib.figure import Figure
 
-TABLES: dict[str, Callable[..., pd.DataFrame]] = {}
-FIGURES: dict[str, Callable[..., Figure]] = {}
+from reports.kozempel import interior, interior_figures, ortho, ortho_figures, ortho_statements
+
+TABLES: dict[str, Callable[..., pd.DataFrame]] = {
+    "kozempel_interior_claims": interior.claims,
+    "kozempel_interior_design": interior.design_table,
+    "kozempel_interior_parameters": interior.parameters_table,
+    "kozempel_interior_iteration": interior.iteration_table,
+    "kozempel_ortho_claims": ortho_statements.claims,
+    "kozempel_ortho_passes": ortho.passes_table,
+    "kozempel_ortho_budget": ortho.budget_table,
+    "kozempel_ortho_methods": ortho.methods_table,
+}
+FIGURES: dict[str, Callable[..., Figure]] = {
+    "kozempel_interior_design": interior_figures.design_figure,
+    "kozempel_interior_field": interior_figures.field_figure,
+    "kozempel_interior_iteration": interior_figures.iteration_figure,
+    "kozempel_ortho_passes": ortho_figures.passes_figure,
+    "kozempel_ortho_budget": ortho_figures.budget_figure,
+    "kozempel_ortho_zones": ortho_figures.zones_figure,
+    "kozempel_ortho_vectors": ortho_figures.vectors_figure,
+}
