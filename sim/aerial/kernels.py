@@ -1,6 +1,6 @@
 """Compiled inner loops of the aerial renderer: vertices to pixels, bins, shadow map, visibility and shading.
 
-A view is what `sim.camera_kernels` makes of a camera at a pose.
+A view is what `sim.camera_kernels` makes of a camera at a pose; only points behind the camera have no pixel.
 
 A vertex is a row of `VERTEX` numbers: u, v, 1/depth, texture s, t, share of sunlight, of skylight, mirrored light.
 Everything between vertices is linear in 1/depth; models are cut so finely that a lens does not bend their edges.

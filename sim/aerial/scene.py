@@ -232,7 +232,8 @@ def _models(world: AerialWorld, footprints: tuple[Footprint, ...], land: Land) -
         if world.terrain.contains(f.outline_m).all()
     ]
     library = Library.of(
-        [*fleet, *crowns, *(h.mesh for h in houses)], [*textures, trees.foliage(rng), *buildings.textures(rng)]
+        [*fleet, *crowns, *(h.mesh for h in houses)],
+        [*textures, trees.foliage(rng), *buildings.textures(rng, world.season)],
     )
     first = len(fleet) + len(crowns)
     n = len(houses)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.aerial import AerialScene, AerialWorld, Sunlight, VehicleStates, build, measure, render
+from sim.aerial import AerialScene, AerialWorld, Sunlight, VehicleStates, build, buildings, measure, render
 from sim.aerial.heads import picture
 from sim.aerial.presets import motorway_world
 from sim.aerial.thermal import ThermalSensor, Weather, grey, render_thermal, sense
@@ -75,6 +75,12 @@ def test_snow_is_below_zero_and_the_swept_road_is_warmer(summer: AerialScene, wi
     assert verge < 273.15
     assert road > verge + 1.5
     assert road < road_and_grass(summer)[0] - 20
+
+
+def test_snow_lies_on_roofs_too() -> None:
+    warm, cold = (buildings.textures(np.random.default_rng(1), season)[0] for season in ("summer", "winter"))
+    np.testing.assert_array_equal(warm.texels, cold.texels)
+    assert warm.warmth()[..., 1].mean() > 3 * cold.warmth()[..., 1].mean()
 
 
 def one_car(scene: AerialScene, driving: bool) -> AerialScene:
