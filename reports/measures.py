@@ -49,6 +49,8 @@ _INTERIOR = {
     "image_largest": Measure("px", "lower", "median", np.median),
     "largest_turned": Measure("px", "lower", "median", np.median),
 }
+_BY_CLASS = tuple(f"{name}_{c}" for name in ("pavement", "vehicles") for c in range(5))
+_IN_MASK = ("pavement", "vehicles", "whole_vehicles", "affected", *_BY_CLASS)
 _ORTHO = ("", "_common", "_passes", "_images", "_within", "_pass", "_image", "_zone", "_predicted")
 _ANGLES = ("omega", "phi", "kappa")
 _BORESIGHT = {
@@ -89,6 +91,9 @@ MEASURES = {
     **{f"ortho{part}": Measure("m", "lower", "rms", _rms) for part in _ORTHO},
     **{f"ortho_cell_{axis}": Measure("m", "zero", "mean", np.mean) for axis in "xy"},
     **{f"ortho_cell_{axis}": Measure("px", "zero", "mean", np.mean) for axis in "uv"},
+    **{f"road_{name}": Measure("1", "higher", "mean", np.mean) for name in _IN_MASK},
+    **{f"road_{name}": Measure("1", "lower", "mean", np.mean) for name in ("excess", "beyond", "off")},
+    **{f"road_displacement{part}": Measure("m", "lower", "mean", np.mean) for part in ("", "_max")},
     "ortho_lost": Measure("1", "lower", "mean", np.mean),
 }
 

@@ -23,6 +23,7 @@ from scenarios.experiments.boresight_ties import BoresightTies
 from scenarios.experiments.boresight_time_offset import BoresightTimeOffset
 from scenarios.experiments.interior_orientation import WallCalibration
 from scenarios.experiments.ortho_accuracy import OrthoAccuracy
+from scenarios.experiments.road_accuracy import RoadAccuracy
 from scenarios.experiments.scalar_filter import ScalarFilter
 from scenarios.experiments.single_precision import SinglePrecision
 from scenarios.spec import constructor
@@ -46,6 +47,7 @@ EXPERIMENTS: dict[str, type[Any]] = {
     "boresight_time_offset": BoresightTimeOffset,
     "interior_orientation": WallCalibration,
     "ortho_accuracy": OrthoAccuracy,
+    "road_accuracy": RoadAccuracy,
     "scalar_filter": ScalarFilter,
     "single_precision": SinglePrecision,
 }

@@ -37,6 +37,7 @@ SMALL: dict[str, dict[str, Any]] = {
     "boresight_time_offset": {"images": 4, "offsets": 5},
     "interior_orientation": {"images": 3},
     "ortho_accuracy": {"images": 1, "points": 50},
+    "road_accuracy": {"network": "motorway"},
     "scalar_filter": {"steps": (1, 4)},
     "single_precision": {"steps": (1, 4)},
 }
