@@ -9,7 +9,16 @@ from collections.abc import Callable
 import pandas as pd
 from matplotlib.figure import Figure
 
-from reports.kozempel import interior, interior_figures, ortho, ortho_figures, ortho_statements
+from reports.kozempel import (
+    interior,
+    interior_figures,
+    ortho,
+    ortho_figures,
+    ortho_statements,
+    road,
+    road_figures,
+    road_statements,
+)
 
 TABLES: dict[str, Callable[..., pd.DataFrame]] = {
     "kozempel_interior_claims": interior.claims,
@@ -20,6 +29,10 @@ TABLES: dict[str, Callable[..., pd.DataFrame]] = {
     "kozempel_ortho_passes": ortho.passes_table,
     "kozempel_ortho_budget": ortho.budget_table,
     "kozempel_ortho_methods": ortho.methods_table,
+    "kozempel_road_claims": road_statements.claims,
+    "kozempel_road_faults": road.faults_table,
+    "kozempel_road_classes": road.classes_table,
+    "kozempel_road_margins": road.margins_table,
 }
 FIGURES: dict[str, Callable[..., Figure]] = {
     "kozempel_interior_design": interior_figures.design_figure,
@@ -29,4 +42,7 @@ FIGURES: dict[str, Callable[..., Figure]] = {
     "kozempel_ortho_budget": ortho_figures.budget_figure,
     "kozempel_ortho_zones": ortho_figures.zones_figure,
     "kozempel_ortho_vectors": ortho_figures.vectors_figure,
+    "kozempel_road_displacement": road_figures.displacement_figure,
+    "kozempel_road_margins": road_figures.margins_figure,
+    "kozempel_road_classes": road_figures.classes_figure,
 }
