@@ -1,5 +1,4 @@
-"""The simulated calibration flight that ships with the project: clicked control points and images, in the files'
-forms.
+"""The simulated calibration flight that ships with the project: files of clicked control points and of images.
 
     python -m benchmarks.calibration_data [--out FOLDER]      default: scenarios/data
 
@@ -12,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ CLICKS, IMAGES = "boresight-gcps.txt", "boresight-images.csv"
 # Clicks on the wrong object: which, and how far off [px].
 _WRONG = {(1, 3): (31.0, -12.0), (6, 0): (-9.0, 22.0), (10, 5): (48.0, 40.0)}
 _OUTSIDE = (4, 7)
-_COLUMNS = (
+COLUMNS = (
     *("file", "t_s", "longitude_deg", "latitude_deg", "height_m", "roll_deg", "pitch_deg", "heading_deg"),
     *("velocity_north_mps", "velocity_east_mps", "velocity_down_mps"),
     *("rate_forward_dps", "rate_right_dps", "rate_down_dps"),
@@ -40,19 +40,25 @@ def image_names(flight: Flight) -> list[str]:
     return [f"antar_{i + 1:02d}.jpg" for i in range(len(flight.navigation))]
 
 
-def clicks(flight: Flight) -> gcp_file.GcpList:
-    """What was clicked, mistakes included, with the surveyed coordinates of the points."""
-    p, files, uv = flight.points, image_names(flight), flight.points.uv.copy()
-    first = np.searchsorted(p.image, np.arange(len(files)))
+def with_mistakes(flight: Flight) -> Flight:
+    """The same with clicks on wrong objects, and one outside its image."""
+    p, uv = flight.points, flight.points.uv.copy()
+    first = np.searchsorted(p.image, np.arange(len(flight.navigation)))
     for (image, click), off in _WRONG.items():
         uv[first[image] + click] += off
     uv[first[_OUTSIDE[0]] + _OUTSIDE[1], 0] += 1024.0
+    return replace(flight, points=replace(p, uv=uv))
+
+
+def clicks(flight: Flight) -> gcp_file.GcpList:
+    """What was clicked, with the surveyed coordinates of the points."""
+    p, files = flight.points, image_names(flight)
     grid = GEOREFERENCE.to_grid(flight.control.X_w)[p.point]
     shown = {point: f"P{k + 1:02d}" for k, point in enumerate(np.unique(p.point).tolist())}
     return gcp_file.GcpList(
         f"EPSG:{GEOREFERENCE.epsg}",
         grid,
-        uv,
+        p.uv,
         tuple(files[i] for i in p.image.tolist()),
         tuple(shown[point] for point in p.point.tolist()),
     )
@@ -76,16 +82,19 @@ def image_rows(flight: Flight) -> list[list[str]]:
     ]
 
 
+def write(flight: Flight, folder: Path) -> None:
+    """Both files of a flight."""
+    gcp_file.write(folder / CLICKS, clicks(flight))
+    with (folder / IMAGES).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(COLUMNS)
+        writer.writerows(image_rows(flight))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path(__file__).parents[1] / "scenarios" / "data")
-    out = parser.parse_args().out
-    flight = fly(CONDITIONS, stream(1, 0, "calibration/example"))
-    gcp_file.write(out / CLICKS, clicks(flight))
-    with (out / IMAGES).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        writer.writerows(image_rows(flight))
+    write(with_mistakes(fly(CONDITIONS, stream(1, 0, "calibration/example"))), parser.parse_args().out)
 
 
 if __name__ == "__main__":

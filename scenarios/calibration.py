@@ -15,6 +15,7 @@ from scenarios.engine import Outcome, Progress, asked_for
 from scenarios.store import Store, code_digest, config_hash, digest
 
 _READ = ("observations/boresight.npz",)
+_SHOWN = 3
 
 
 def run(
@@ -54,6 +55,10 @@ def _read(store: Store, spec: Any, key: str, progress: Progress) -> None:
         return
     observations = read_observations(spec)
     store.prepare()
+    for line in observations.excluded[:_SHOWN]:
+        progress.say(f"left out  {line}")
+    if len(observations.excluded) > _SHOWN:
+        progress.say(f"left out  {len(observations.excluded) - _SHOWN} more, see excluded.csv")
     store.clear()
     store.run("read", key, _READ, lambda scratch: observations.save(scratch / "observations"))
 

@@ -32,13 +32,17 @@ def read_observations(spec: Any) -> BoresightObservations:
     """
     files, camera, stated = spec.calibration, spec.camera.build(), spec.stated
     images = read_images(files.images, files.head, spec.camera.size_px)
-    gcp_list = _read_clicks(files.gcp_list)
     georeference = Georeference.around(images.geographic[:, :2])
     try:
-        clicks = gcp_file.in_world(gcp_list, images.file, camera, georeference, stated.sigma_px)
         p_w = georeference.from_crs(images.geographic)
     except ValueError as error:
-        raise ScenarioError(f"calibration.gcp_list: {files.gcp_list}: {error}") from error
+        raise ScenarioError(f"{KEY}: {files.images}: {error}") from error
+    gcp_list = _read_clicks(files.gcp_list)
+    try:
+        clicks = gcp_file.in_world(gcp_list, images.file, camera, georeference, stated.sigma_px)
+    except ValueError as error:
+        said = f"{error}; its projection is {gcp_list.crs[:60]!r}"
+        raise ScenarioError(f"calibration.gcp_list: {files.gcp_list}: {said}") from error
     if not len(clicks.points):
         raise ScenarioError(
             f"calibration.gcp_list: {files.gcp_list}: none of its {len(gcp_list)} clicks can be used, the first: "

@@ -8,20 +8,22 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from reports.calibrations.tables import ANGLES
 from reports.calibrations.time_offset import ALL, REFIT
-from reports.figures.style import GREY, OUTLIERS, TRUTH, color, legend, marker, new_figure, styled
+from reports.figures.style import GREY, TRUTH, color, legend, marker, new_figure, styled
 
 Array = np.ndarray
 _SYMBOLS = dict(zip(ANGLES, "ωφκ", strict=True))
 # Images whose names fit below an axis; of more, every second, third ... is named.
 _NAMED = 24
-# Share of the image's width that the arrow of a typical residual takes.
-_ARROW = 0.06
+# Share of the image's width that the arrow of a typical residual takes, less where there are more of them than this.
+_ARROW, _CROWDED = 0.06, 100
+# Headings are told apart to this.
+_APPROACH_DEG = 45.0
 
 
 @styled
@@ -44,7 +46,7 @@ def angles(table: pd.DataFrame, images: tuple[str, ...], headings_deg: Float[Arr
         ax.margins(x=0.03)
     step = -(-len(images) // _NAMED)
     ticks = np.arange(0, len(images), step)
-    names = [f"{PurePosixPath(images[k]).stem}, {headings_deg[k]:.0f}°" for k in ticks]
+    names = [f"{PurePosixPath(images[k]).stem}, {round(headings_deg[k]) % 360}°" for k in ticks]
     axes[-1].set_xticks(ticks, names, rotation=40, ha="right", rotation_mode="anchor")
     axes[-1].set_xlabel("image, heading")
     legend(figure, list(axes))
@@ -60,39 +62,40 @@ def _images(ax: Axes, rows: pd.DataFrame, images: tuple[str, ...], i: int, label
 
 
 @styled
-def residuals(tables: Mapping[str, pd.DataFrame], size_px: tuple[int, int]) -> Figure:
+def residuals(table: pd.DataFrame, headings_deg: Mapping[str, float], size_px: tuple[int, int]) -> Figure:
     """Residual vectors of all images in one image plane: by navigation, and by the pose adjusted to each image."""
     width, height = size_px
-    figure = new_figure(0.4 + len(tables) * (0.6 + 2.9 * height / width))
-    axes = figure.subplots(len(tables), 2, squeeze=False, sharex=True, sharey=True)
-    for row, (label, table) in zip(axes, tables.items(), strict=True):
-        for ax, (columns, title) in zip(
-            row,
-            ((("du_px", "dv_px"), "by navigation"), (("du_adjusted_px", "dv_adjusted_px"), "adjusted")),
-            strict=True,
-        ):
-            _vectors(ax, table, columns, width)
-            ax.set_title(f"{label}: {title}")
-            ax.set_xlim(-0.5, width - 0.5)
-            ax.set_ylim(height - 0.5, -0.5)
-            ax.set_aspect("equal")
-        row[0].set_ylabel("v [px]")
-    for ax in axes[-1]:
+    figure = new_figure(1.3 + 3.1 * height / width)
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    bearing = table["image"].map(headings_deg).to_numpy(float)
+    approach = (np.round(bearing / _APPROACH_DEG) * _APPROACH_DEG % 360).astype(int)
+    panels = ((("du_px", "dv_px"), "by navigation"), (("du_adjusted_px", "dv_adjusted_px"), "by the adjusted pose"))
+    for ax, (columns, title) in zip(axes, panels, strict=True):
+        _vectors(ax, table, columns, approach, width)
+        ax.set_title(title)
+        ax.set_xlim(-0.5, width - 0.5)
+        ax.set_ylim(height - 0.5, -0.5)
+        ax.set_aspect("equal")
         ax.set_xlabel("u [px]")
-    legend(figure, list(axes.ravel()))
+    axes[0].set_ylabel("v [px]")
+    legend(figure, list(axes))
     return figure
 
 
-def _vectors(ax: Axes, table: pd.DataFrame, columns: tuple[str, str], width: int) -> None:
+def _vectors(ax: Axes, table: pd.DataFrame, columns: tuple[str, str], approach: Int[Array, "k"], width: int) -> None:
     wrong = table["rejected"].to_numpy(bool)
     uv, d = table[["u_px", "v_px"]].to_numpy(float), table[list(columns)].to_numpy(float)
     good = ~wrong & np.isfinite(d).all(axis=1)
-    typical = float(np.sqrt(np.mean(np.sum(d[good] ** 2, axis=1)))) if good.any() else 1.0
-    shown = _round(typical)
-    scale = shown / (_ARROW * width)
-    arrows = ax.quiver(*uv[good].T, *d[good].T, angles="xy", scale_units="xy", scale=scale, color=color(0), width=0.004)
-    ax.plot(*uv[wrong].T, "x", color=OUTLIERS[0], ms=5, mew=1.2, label="taken for wrong clicks")
-    ax.quiverkey(arrows, 0.86, 1.04, shown, f"{shown:g} px", labelpos="E", coordinates="axes")
+    shown = _round(float(np.sqrt(np.mean(np.sum(d[good] ** 2, axis=1)))))
+    scale = shown / (_ARROW * width * min(1.0, (_CROWDED / np.count_nonzero(good)) ** 0.25))
+    style: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": scale, "width": 0.004}
+    for i, heading in enumerate(np.unique(approach).tolist()):
+        own = good & (approach == heading)
+        if own.any():
+            arrows = ax.quiver(*uv[own].T, *d[own].T, color=color(i), label=f"flown at {heading}°", **style)
+    ax.quiverkey(arrows, 0.84, 1.04, shown, f"{shown:g} px", labelpos="E", coordinates="axes", color=TRUTH)
+    if wrong.any():
+        ax.plot(*uv[wrong].T, "x", color=TRUTH, ms=5, mew=1.0, label="taken for wrong clicks")
 
 
 def _round(value: float) -> float:

@@ -66,23 +66,26 @@ def write_calibration(folder: Path, name: str) -> Path:
 def _figures(run: CalibrationRun, tables: dict[str, pd.DataFrame]) -> dict[str, Figure]:
     if not run.results:
         return {}
-    images, boresight = run.observations.images, tables["boresight"]
-    by_label = {str(label): part for label, part in tables["residuals"].groupby("estimator", sort=False)}
+    label, images, headings = _held(run), run.observations.images, headings_deg(run)
+    own = tables["residuals"][tables["residuals"]["estimator"] == label]
+    bearing = dict(zip(images, headings.tolist(), strict=True))
     found = {
-        "angles": figures.angles(boresight, images, headings_deg(run), run.reference_source),
-        "residuals": figures.residuals(by_label, run.observations.camera.size_px),
+        "angles": figures.angles(tables["boresight"], images, headings, run.reference_source),
+        "residuals": figures.residuals(own, bearing, run.observations.camera.size_px),
     }
-    label = _adjusted(run)
     offsets = time_offset_table(run, label)
     if len(offsets):
         found["time offset"] = figures.time_offset(offsets, label)
     return found
 
 
-def _adjusted(run: CalibrationRun) -> str:
-    """The first result with the boresight alone, or else the first: whose boresight is held."""
-    alone = [label for label, r in run.results.items() if len(r.names) == 3]
-    return [*alone, *run.results][0]
+def _held(run: CalibrationRun) -> str:
+    """Whose residuals are drawn: of one adjustment rather than image by image, of the boresight alone if there is."""
+    return min(run.results, key=lambda label: (_by_image(run, label), len(run.results[label].names)))
+
+
+def _by_image(run: CalibrationRun, label: str) -> bool:
+    return bool(np.isfinite(run.results[label].by_image).any())
 
 
 def _page(run: CalibrationRun, tables: dict[str, pd.DataFrame], drawn: dict[str, Path]) -> str:
@@ -104,7 +107,8 @@ def _page(run: CalibrationRun, tables: dict[str, pd.DataFrame], drawn: dict[str,
         inseparable=[(label, str(group)) for label, r in run.results.items() for group in r.inseparable],
         fits=[_fit(label, tables["metrics"]) for label in run.results],
         by_image=_image_table(run, tables),
-        per_image_labels=_per_image_labels(run),
+        per_image_labels=[label for label in run.results if _by_image(run, label)],
+        held=_held(run) if run.results else "",
         labels=list(run.results),
         striking=striking_images(run),
         figures=[(key, CAPTIONS[key], embedded(path)) for key, path in drawn.items()],
@@ -114,10 +118,6 @@ def _page(run: CalibrationRun, tables: dict[str, pd.DataFrame], drawn: dict[str,
         settings=list(display.settings(run.scenario)),
         provenance=run.provenance,
     )
-
-
-def _per_image_labels(run: CalibrationRun) -> list[str]:
-    return [label for label, r in run.results.items() if np.isfinite(r.by_image).any()]
 
 
 def _unknown_rows(boresight: pd.DataFrame) -> list[tuple[str, ...]]:
@@ -150,9 +150,8 @@ def _image_table(run: CalibrationRun, tables: dict[str, pd.DataFrame]) -> list[l
     residuals = tables["residuals"]
     headings, rows = headings_deg(run), []
     for i, image in enumerate(run.observations.images):
-        row = [image, f"{headings[i]:.0f}", str(np.count_nonzero(run.observations.points.image == i))]
-        for label in _per_image_labels(run):
-            r = run.results[label]
+        row = [image, str(round(headings[i]) % 360), str(np.count_nonzero(run.observations.points.image == i))]
+        for r in (r for label, r in run.results.items() if _by_image(run, label)):
             angles, sigma = np.rad2deg(r.by_image[i]), np.rad2deg(r.sigma_by_image[i])
             row += [f"{_fixed(a, 3)} ± {_fixed(s, 3)}" for a, s in zip(angles, sigma, strict=True)]
         own = residuals[(residuals["image"] == image) & ~residuals["rejected"].astype(bool)]
