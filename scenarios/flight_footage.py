@@ -43,10 +43,10 @@ def write_flight(spec: FlightScenario, flown: FlownFlight, scratch: Path, advanc
     rows: list[pd.DataFrame] = []
     clicks: list[tuple[int, int, Array]] = []
     for i, record in enumerate(observations.records):
-        head, T_wc, t_s = cameras[record.head], truth.T_wc[i], float(truth.t_s[i])
-        _write_image(images / record.file, _picture(spec, scene, head, T_wc, t_s, i), record, spec)
-        seen = measure(scene, head.camera, T_wc, t_s)
-        rows.append(_vehicles(i, t_s, seen, head.camera, T_wc, flown))
+        head, T_wc, world_s = cameras[record.head], truth.T_wc[i], float(flown.world_s[i])
+        _write_image(images / record.file, _picture(spec, scene, head, T_wc, world_s, i), record, spec)
+        seen = measure(scene, head.camera, T_wc, world_s)
+        rows.append(_vehicles(i, float(truth.t_s[i]), seen, head.camera, T_wc, flown))
         clicks += [(i, k, uv) for k, uv in _signals(seen, head.camera, T_wc, truth.control)]
         if spec.imaging.truth_images:
             _write_truth(scratch / "truth" / "images" / record.file, seen)
@@ -59,10 +59,10 @@ def write_flight(spec: FlightScenario, flown: FlownFlight, scratch: Path, advanc
 
 
 def _picture(
-    spec: FlightScenario, scene: AerialScene, head: FlightCamera, T_wc: Pose, t_s: float, image: int
+    spec: FlightScenario, scene: AerialScene, head: FlightCamera, T_wc: Pose, world_s: float, image: int
 ) -> UInt8[Array, "h w *c"]:
     rng = stream(spec.seed, RUN, f"flight/sensor/{head.name}/{image}")
-    return picture(scene, head.band, head.camera, T_wc, t_s, spec.imaging.samples, rng)
+    return picture(scene, head.band, head.camera, T_wc, world_s, spec.imaging.samples, rng)
 
 
 def _write_image(path: Path, image: Array, record: ImageRecord, spec: FlightScenario) -> None:

@@ -59,6 +59,8 @@ def show(console: Console, folder: Path) -> None:
                 & (plain["statistic"] == statistic)
             ]
             cells.append(_cell(hit))
+        if set(cells) == {"-"}:
+            continue
         name = f"{quantity} {axis}" if axis != "all" else quantity
         table.add_row(f"{name.replace('_', ' ')} {statistic}", *cells)
     console.print(table, highlight=False)

@@ -33,8 +33,8 @@ from sim.terrain_files import TerrainError, read_elevation
 
 Array = np.ndarray
 RUN = 0
-# The traffic goes on behind the last line.
-_MARGIN_S = 5.0
+# The traffic goes on for so long behind each line.
+_BETWEEN_S = 5.0
 # Heights of files reach so far beyond the roads: oblique views see far.
 _AROUND_M = 1500.0
 _LONGEST_ERROR = 8.0  # of the elevation model, in its shortest waves
@@ -42,12 +42,17 @@ _LONGEST_ERROR = 8.0  # of the elevation model, in its shortest waves
 
 @dataclass(frozen=True, eq=False)
 class FlownFlight:
-    """A flight before any image is drawn: what estimators get, what is true, and what is drawn of which camera."""
+    """A flight before any image is drawn: what estimators get, and what is true.
+
+    world_s (k,): the time of the world's traffic at each exposure. It stands still while the aircraft turns, which no
+    image shows: traffic of ten minutes costs many times that of one.
+    """
 
     world: AerialWorld
     observations: FlightObservations
     truth: FlightTruth
     road_map: RoadNetwork
+    world_s: Float[Array, "k"]
 
 
 def simulate_flight(spec: FlightScenario) -> FlownFlight:
@@ -57,8 +62,9 @@ def simulate_flight(spec: FlightScenario) -> FlownFlight:
         ScenarioError: a map or terrain file that cannot be used, a camera that exposes nothing.
     """
     # How long it takes hangs on where it is flown no more than on who drives below.
-    duration_s = flown(spec.flight, (0.0, 0.0), 0.0, spec.seed, RUN).line_s[-1, 1] + _MARGIN_S
-    world, georeference = _world(spec.ground, spec.seed, float(duration_s))
+    line_s = flown(spec.flight, (0.0, 0.0), 0.0, spec.seed, RUN).line_s
+    duration_s = float(np.sum(line_s[:, 1] - line_s[:, 0] + _BETWEEN_S))
+    world, georeference = _world(spec.ground, spec.seed, duration_s)
     world = replace(world, sunlight=_sunlight(world, spec.imaging))
     x0, y0, x1, y1 = world.roads.bounds_m
     offset = spec.flight.pattern.offset_m
@@ -124,7 +130,9 @@ def _flown(
         map_errors,
         control,
     )
-    return FlownFlight(world, observations, truth, road_map)
+    begin = np.cumsum(flight.line_s[:, 1] - flight.line_s[:, 0] + _BETWEEN_S)
+    world_s = exposed.t_s - flight.line_s[exposed.line, 1] + begin[exposed.line] - _BETWEEN_S
+    return FlownFlight(world, observations, truth, road_map, world_s)
 
 
 def _world(ground: Ground, seed: int, duration_s: float) -> tuple[AerialWorld, Georeference]:

@@ -30,6 +30,8 @@ _GROSS = 6.0
 # Chance that a good point is called an outlier in the end.
 _SIGNIFICANCE = 0.001
 _ROUNDS = 8
+# Fewer points that the same images show are judged with all others.
+_LEAST_GROUP = 10
 _LEAST_POINTS = 6
 
 
@@ -58,7 +60,8 @@ def boresight_from_ties(
     """Boresight from tie points; the ``point`` indices name what the same point is in several images.
 
     ``nominal`` starts the adjustment and may be degrees off. Points are weighted down by how badly their rays meet, on
-    a scale that follows the middle of all, and those that fail the test with the stated sigma are left out in the end.
+    a scale that follows the middle of those in the same images, and those that fail the test with the stated sigma are
+    left out in the end.
     """
     if not len(points):
         return EstimationFailed("no points", ("Match points.",))
@@ -98,8 +101,25 @@ def _well_measured(points: ImagePoints, miss: Array, n: int) -> Array:
     np.maximum.at(worst, points.point, miss)
     count = np.bincount(points.point, minlength=n)
     possible = (count >= 2) & np.isfinite(worst)
-    limit = _GROSS**2 * max(np.median(worst[possible]), points.sigma_px**2) if np.any(possible) else 0.0
+    limit = _GROSS**2 * np.maximum(_typical(points, worst, possible), points.sigma_px**2)
     return np.asarray(np.flatnonzero((possible & (worst <= limit))[points.point]))
+
+
+def _typical(points: ImagePoints, value: Array, among: Array) -> Array:
+    """For every point (n,) the median of those that the same images show.
+
+    Rays from neighbours on one line nearly meet whatever the boresight is, those from opposite directions do not: one
+    median of all would take the latter, which tell most, for wrong.
+    """
+    seen_by = np.zeros((len(value), int(points.image.max()) + 1), bool)
+    seen_by[points.point, points.image] = True
+    _, group = np.unique(seen_by, axis=0, return_inverse=True)
+    typical = np.full(len(value), np.median(value[among]) if np.any(among) else 0.0)
+    for g in range(int(group.max()) + 1):
+        own = (group == g) & among
+        if np.count_nonzero(own) >= _LEAST_GROUP:
+            typical[group == g] = np.median(value[own])
+    return typical
 
 
 def _block(
@@ -127,14 +147,15 @@ def _statistics(block: Block, residuals: Array) -> tuple[Array, Array]:
 
 
 def _reweighted(block: Block, values: Values) -> Adjusted | EstimationFailed:
-    """Weights 1 / (1 + T / s²)² (Geman and McClure), T per degree of freedom, s² four times its median."""
+    """Weights 1 / (1 + T / s²)² (Geman and McClure), T per degree of freedom, s² four times what is typical of it."""
     solved: Adjusted | EstimationFailed = adjust(block, values)
     for _ in range(_ROUNDS):
         if isinstance(solved, EstimationFailed):
             return solved
         square, dof = _statistics(block, solved.residuals)
         T = square / dof
-        weight = (1 + T / (4 * max(1.0, float(np.median(T))))) ** -2
+        typical = _typical(block.points, T, np.ones(len(T), bool))
+        weight = (1 + T / (4 * np.maximum(1.0, typical))) ** -2
         solved = adjust(replace(block, weights=weight[block.points.point]), solved.values)
     return solved
 

@@ -8,6 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from estimators.aerial.flight_boresight import BoresightFromControl, BoresightFromTies
 from estimators.aerial.orthorectification import Orthorectification
 
-FLIGHT_ESTIMATORS: dict[str, type[Any]] = {"orthorectification": Orthorectification}
+FLIGHT_ESTIMATORS: dict[str, type[Any]] = {
+    "boresight_from_gcps": BoresightFromControl,
+    "boresight_from_ties": BoresightFromTies,
+    "orthorectification": Orthorectification,
+}

@@ -133,6 +133,8 @@ def _follow(a: Array, b: Array, H: Array, corners: Array) -> tuple[Array, Array]
     on = (row >= 0) & (row < a.shape[0]) & (column >= 0) & (column < a.shape[1])
     on[on] = inside[row[on], column[on]] == 255
     found = np.flatnonzero(on & ok & ok_back & (trip < _ROUND_TRIP_PX))
+    if not len(found):
+        return none
     return found, cv2.perspectiveTransform(there[found][:, None], H)[:, 0]
 
 

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from estimators.estimate import EstimationFailed
 from reports import display
 from reports.flights import figures
+from reports.flights.boresight import ANGLES, boresight_figure, boresight_table
 from reports.flights.errors import MEASURED, TRUE, covered_vehicles, ortho_errors, pose_errors
 from reports.flights.metrics import error_rows, flight_metrics
 from reports.flights.product import matched_displacements
@@ -29,6 +30,8 @@ CAPTIONS = {
     "an error of attitude or position, a turn one of kappa, a stretch one of height or focal length. Right its root "
     "mean square by image, and what is left with the true orientation: the method's own error.",
     "orientation": "Errors of the navigation solution at the exposures, a wrong time of exposure included.",
+    "boresight": "Estimated minus true boresight angles with three standard deviations as stated, and the angles of "
+    "every image alone, in the order of time.",
     "roads": "Part of an ortho image at full resolution with the roads as estimators know them, and the vehicles where "
     "they are.",
 }
@@ -67,6 +70,8 @@ def _figures(run: FlightRun, poses: pd.DataFrame, errors: dict[str, pd.DataFrame
                 found[f"ortho{suffix}{of_label}"] = figures.ortho_errors(part, camera.camera.size_px)
         if k == 0:
             found["roads"] = figures.roads(run, label, orthos)
+    if run.boresights:
+        found["boresight"] = boresight_figure(run, run.boresights)
     found["orientation"] = figures.orientation(poses, run)
     return found
 
@@ -86,6 +91,8 @@ def _page(run: FlightRun, metrics: pd.DataFrame, drawn: dict[str, Path]) -> str:
         failures=[(k, _reasons(e.failures)) for k, e in run.orthos.items() if e.failures],
         orthos=[(label, _ortho_table(metrics, label)) for label in run.orthos],
         matched=[(label, _matched(metrics, label)) for label in run.orthos],
+        boresights=_boresight_rows(run),
+        said=[(label, words) for label, b in run.boresights.items() for words in (*b.inseparable, *b.excluded)],
         poses=_pose_table(metrics),
         others=_other_rows(metrics),
         settings=list(display.settings(run.scenario)),
@@ -130,6 +137,18 @@ def _matched(metrics: pd.DataFrame, label: str) -> dict[str, str]:
     return found | {"n": str(int(own["n"].iloc[0]))}
 
 
+def _boresight_rows(run: FlightRun) -> list[tuple[str, ...]]:
+    """Estimator, camera, then of each angle estimate, error and sigma, images, points left out, residual."""
+    table = boresight_table(run)
+    rows = []
+    for label, b in run.boresights.items():
+        own = table[table["estimator"] == label].set_index("angle")
+        values = own.loc[list(ANGLES), ["estimate", "error", "sigma"]].to_numpy(float).ravel()
+        cells = [display.number(v) for v in values.tolist()]
+        rows.append((label, b.camera, *cells, str(len(b.images)), f"{b.rejected} of {b.measured}"))
+    return rows
+
+
 def _pose_table(metrics: pd.DataFrame) -> list[tuple[str, ...]]:
     """Errors of orientation: axis, unit, bias, std, rms, max."""
     own = metrics[metrics["quantity"].isin(["attitude", "position"])]
@@ -143,6 +162,7 @@ def _pose_table(metrics: pd.DataFrame) -> list[tuple[str, ...]]:
 def _other_rows(metrics: pd.DataFrame) -> list[tuple[str, ...]]:
     """All other numbers: what, whose, statistic, value with its interval, unit, n."""
     shown = metrics["quantity"].isin(["attitude", "position", "ortho_matched"])
+    shown |= (metrics["quantity"] == "boresight") & metrics["statistic"].isin(["estimate", "bias", "sigma"])
     shown |= (metrics["quantity"] == "ortho") & ~metrics["statistic"].isin(["made", "failed"])
     rows: list[tuple[str, ...]] = []
     for _, m in metrics[~shown].iterrows():

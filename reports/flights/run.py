@@ -11,6 +11,7 @@ from typing import Any
 
 import pandas as pd
 
+from estimators.aerial.flight_boresight import FlightBoresight
 from estimators.aerial.orthorectification import OrthoImages
 from estimators.estimate import EstimationFailed
 from sim.flight_camera import FlightCamera
@@ -21,7 +22,7 @@ from sim.roads import RoadNetwork
 
 @dataclass(frozen=True, eq=False)
 class FlightRun:
-    """What the stages before the report left; orthos: by the label of their estimator."""
+    """What the stages before the report left; estimates by their labels."""
 
     folder: Path
     name: str
@@ -30,7 +31,7 @@ class FlightRun:
     observations: FlightObservations
     truth: FlightTruth
     vehicles: pd.DataFrame
-    estimates: Mapping[str, OrthoImages | EstimationFailed]
+    estimates: Mapping[str, OrthoImages | FlightBoresight | EstimationFailed]
 
     @property
     def seed(self) -> int:
@@ -40,6 +41,11 @@ class FlightRun:
     def orthos(self) -> dict[str, OrthoImages]:
         """The ortho images of the estimators that gave any."""
         return {label: e for label, e in self.estimates.items() if isinstance(e, OrthoImages)}
+
+    @property
+    def boresights(self) -> dict[str, FlightBoresight]:
+        """The boresights of the estimators that gave any."""
+        return {label: e for label, e in self.estimates.items() if isinstance(e, FlightBoresight)}
 
     @cached_property
     def road_map(self) -> RoadNetwork:
@@ -74,9 +80,9 @@ def load_flight(folder: Path, name: str) -> FlightRun:
     )
 
 
-def _estimate(folder: Path) -> OrthoImages | EstimationFailed:
+def _estimate(folder: Path) -> OrthoImages | FlightBoresight | EstimationFailed:
     failure = folder / "failure.json"
     if failure.is_file():
         f = json.loads(failure.read_text(encoding="utf-8"))
         return EstimationFailed(f["reason"], tuple(f["hints"]))
-    return OrthoImages.load(folder)
+    return FlightBoresight.load(folder) if FlightBoresight.is_in(folder) else OrthoImages.load(folder)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -88,3 +90,18 @@ def test_too_few_points_and_no_base_are_failures() -> None:
     assert isinstance(boresight_from_ties(ARGOS, alone, f.navigation, f.nominal), EstimationFailed)
     none = ImagePoints(np.zeros(0, int), np.zeros(0, int), np.zeros((0, 2)), 0.5)
     assert isinstance(boresight_from_ties(ARGOS, none, f.navigation, f.nominal), EstimationFailed)
+
+
+def test_points_of_opposite_directions_are_not_taken_for_wrong() -> None:
+    # Most points are seen by neighbours, whose rays nearly meet whatever the boresight is.
+    conditions = TieConditions(exposures=((0.0, -150.0), (0.0, -128.0), (180.0, -150.0)), outliers=0.0)
+    for run in range(5):
+        f = flight(conditions, run)
+        p = f.points
+        kept = p.image != np.where(p.point % 4 == 0, 1, 2)
+        f = replace(f, points=ImagePoints(p.image[kept], p.point[kept], p.uv[kept], p.sigma_px))
+        result = adjusted(f)
+        e = result.x - f.truth.mounting.boresight
+        assert len(result.rejected) < 0.02 * len(f.points)
+        assert np.all(np.abs(np.rad2deg(e)) < [0.1, 0.1, 0.25])
+        assert e @ np.linalg.solve(result.cov, e) < 16.3  # 99.9 % of three

@@ -17,6 +17,7 @@ from estimators.aerial.orthorectification import OrthoImages
 from scenarios import cli, spec
 from sim.aerial.presets import PRESETS
 from sim.flight_observations import FlightObservations
+from sim.flight_simulation import simulate_flight
 from sim.flight_truth import FlightTruth
 from sim.scenario import ScenarioError
 from sim.scenario.flight import Ground
@@ -229,3 +230,49 @@ def test_terrain_with_a_broken_geotiff_is_one_line(command: Command, tmp_path: P
 def test_unknown_keys_name_the_nearest() -> None:
     with pytest.raises(ScenarioError, match=r"flight\.hight_m: unknown key, did you mean 'height_m'"):
         spec.read("flight-town", ["flight.hight_m=500.0"])
+
+
+def test_boresight_from_control_and_from_ties_of_rendered_images(tmp_path: Path) -> None:
+    settings = ("ground.length_m=1500.0", "flight.frames=12", "flight.height_m=500.0", "control.points=8")
+    lines = 'flight.pattern={ kind = "approaches", length_m = 40.0 }'
+    folder = tmp_path / "run"
+    both = [part for setting in (*settings, lines) for part in ("--set", setting)]
+    assert cli.main(["run", "flight-calibration", "--out", str(folder), *both]) == 0
+    for label, limits in (
+        ("boresight_from_gcps", (0.03, 0.03, 0.06)),
+        ("boresight_from_ties", (0.06, 0.06, 0.4)),
+    ):
+        for angle, limit in zip(("omega", "phi", "kappa"), limits, strict=True):
+            where = {"estimator": label, "quantity": "boresight", "axis": angle}
+            bias, sigma = (float(metric(folder, statistic=s, **where)["value"]) for s in ("bias", "sigma"))
+            assert abs(bias) < 4 * sigma
+            assert sigma < limit / 2
+    table = pd.read_csv(folder / "metrics.csv", keep_default_na=False)
+    assert not len(table[table["quantity"] == "ortho"])
+    assert "boresight.png" in {p.name for p in (folder / "figures").iterdir()}
+
+
+def test_a_flight_without_control_has_no_boresight_from_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run"
+    given = ("control.points=0", 'estimator=[{ name = "boresight_from_gcps" }]')
+    assert cli.main(["run", "flight-town", "--out", str(folder), *arguments(*given)]) == 1
+    assert "no control points were clicked in this flight" in capsys.readouterr().out
+
+
+def test_ground_that_ends_under_an_image_is_counted(tmp_path: Path) -> None:
+    folder = tmp_path / "run"
+    world = simulate_flight(spec.read("flight-town", SHORT).without_estimators).world
+    x0, _, x1, _ = world.roads.bounds_m
+    # An image shows 205 m: the line begins 200 m before the end of the ground.
+    edge = world.terrain.bounds_m[2] - (x0 + x1) / 2 - 100.0
+    line = f'flight.pattern={{ kind = "strip", length_m = 200.0, offset_m = [{edge}, 0.0] }}'
+    given = (line, "control.points=0", "flight.speed_mps=150.0", "flight.frames=6")
+    assert cli.main(["run", "flight-town", "--out", str(folder), *arguments(*given)]) == 0
+    made = int(metric(folder, quantity="ortho", statistic="made")["value"])
+    failed = int(metric(folder, quantity="ortho", statistic="failed")["value"])
+    assert made + failed == 6
+    assert min(made, failed) > 0
+    errors = pd.read_parquet(folder / "errors.parquet")
+    reasons = errors.loc[errors["quantity"] == "failure", "axis"]
+    assert len(reasons) == failed
+    assert reasons.str.contains("no ground under .* of 64 points").all()
