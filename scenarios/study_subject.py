@@ -12,6 +12,9 @@ from scenarios.study_sweeps import Settings
 from scenarios.trial import TrialResult, of_measures, trial
 from sim.scenario import ScenarioError, nearest
 
+# Kinds of scenarios that only `run` takes.
+_ONCE = ("calibration", "flight", "recording")
+
 
 def content(experiment: str | None, scenario: str | None, folder: Path) -> Settings:
     """What a scenario's file holds, without images, or the name of an experiment, which has a default for everything.
@@ -24,6 +27,10 @@ def content(experiment: str | None, scenario: str | None, folder: Path) -> Setti
         return {"experiment": experiment}
     assert scenario is not None
     data = spec.load(scenario_file(scenario, folder))
+    if data.get("kind") in _ONCE:
+        raise ScenarioError(
+            f"scenario: found {scenario!r}, a {data['kind']}; a study varies stereo scenes or experiments"
+        )
     spec.lay(data, "render.enabled", False)
     return data
 

@@ -80,10 +80,8 @@ def boresight_figure(run: FlightRun, boresights: Mapping[str, FlightBoresight]) 
             alone = np.rad2deg(_wrapped(b.per_image[:, k] - truth))
             place = i + np.linspace(-0.3, 0.1, max(len(alone), 2))[: len(alone)]
             if np.isfinite(alone).any():
-                ax.plot(place, alone, ".", ms=3, color=color(i), alpha=0.6, label=f"{label}: each image alone")
-            ax.errorbar(
-                i + 0.25, error, 3 * sigma, fmt=marker(i), ms=4, color=color(i), capsize=2, label=f"{label}: 3 sigma"
-            )
+                ax.plot(place, alone, ".", ms=3, color=color(i), alpha=0.6)
+            ax.errorbar(i + 0.25, error, 3 * sigma, fmt=marker(i), ms=4, color=color(i), capsize=2, label=label)
         ax.set_title(f"{_SYMBOLS[angle]} [deg]")
         ax.set_xticks([])
     axes[0].set_ylabel("estimate minus truth")
