@@ -20,7 +20,7 @@ from reports.calibrations.tables import (
     residual_table,
     striking_images,
 )
-from reports.calibrations.time_offset import time_offset_table
+from reports.calibrations.time_offset import least, time_offset_table
 from reports.html import embedded, template
 from reports.run import save_figures
 from sim.archive import write_atomically, write_text
@@ -32,7 +32,7 @@ CAPTIONS = {
     "residuals": "All images in one image plane. Left from the click to where navigation and the result put the point: "
     "what georeferencing will show. Right by the pose that was adjusted to each image: what is left is error of the "
     "clicks, the control points and the lens. Each panel has its own scale.",
-    "time offset": "Residuals if the exposures came later than their time tags say, with the boresight held, and with "
+    "time_offset": "Residuals if the exposures came later than their time tags say, with the boresight held, and with "
     "it adjusted anew (as Kozempel 2012, Fig. 3.8): where the dashed curve is flat, the images do not tell a time "
     "offset from the boresight.",
 }
@@ -53,17 +53,18 @@ _NAMES = {
 def write_calibration(folder: Path, name: str) -> Path:
     """Writes boresight.csv, residuals.csv, excluded.csv, metrics.csv, figures/ and report.html into a run folder."""
     run = load_calibration(folder, name)
+    offsets = time_offset_table(run, _held(run)) if run.results else pd.DataFrame()
     tables = {"boresight": boresight_table(run), "residuals": residual_table(run), "excluded": excluded_table(run)}
     tables["metrics"] = calibration_metrics(run)
     for key, table in tables.items():
         write_atomically(folder / f"{key}.csv", lambda p, t=table: t.to_csv(p, index=False))
-    drawn = save_figures(folder / "figures", _figures(run, tables))
+    drawn = save_figures(folder / "figures", _figures(run, tables, offsets))
     path = folder / "report.html"
-    write_text(path, _page(run, tables, drawn))
+    write_text(path, _page(run, tables, offsets, drawn))
     return path
 
 
-def _figures(run: CalibrationRun, tables: dict[str, pd.DataFrame]) -> dict[str, Figure]:
+def _figures(run: CalibrationRun, tables: dict[str, pd.DataFrame], offsets: pd.DataFrame) -> dict[str, Figure]:
     if not run.results:
         return {}
     label, images, headings = _held(run), run.observations.images, headings_deg(run)
@@ -73,9 +74,8 @@ def _figures(run: CalibrationRun, tables: dict[str, pd.DataFrame]) -> dict[str, 
         "angles": figures.angles(tables["boresight"], images, headings, run.reference_source),
         "residuals": figures.residuals(own, bearing, run.observations.camera.size_px),
     }
-    offsets = time_offset_table(run, label)
     if len(offsets):
-        found["time offset"] = figures.time_offset(offsets, label)
+        found["time_offset"] = figures.time_offset(offsets, label)
     return found
 
 
@@ -88,7 +88,7 @@ def _by_image(run: CalibrationRun, label: str) -> bool:
     return bool(np.isfinite(run.results[label].by_image).any())
 
 
-def _page(run: CalibrationRun, tables: dict[str, pd.DataFrame], drawn: dict[str, Path]) -> str:
+def _page(run: CalibrationRun, tables: dict[str, pd.DataFrame], offsets: pd.DataFrame, drawn: dict[str, Path]) -> str:
     o = run.observations
     excluded = tables["excluded"]
     return template("calibration.html.j2").render(
@@ -112,6 +112,7 @@ def _page(run: CalibrationRun, tables: dict[str, pd.DataFrame], drawn: dict[str,
         labels=list(run.results),
         striking=striking_images(run),
         figures=[(key, CAPTIONS[key], embedded(path)) for key, path in drawn.items()],
+        least=least(offsets) if len(offsets) else None,
         excluded=excluded.to_numpy().tolist(),
         counted=list(excluded.assign(n=1).groupby("estimator", sort=False)["n"].sum().items()),
         still=[o.images[i] for i in np.flatnonzero(~o.knows_motion)],

@@ -38,18 +38,34 @@ def errors_deg(angles_deg: Float[Array, "*b 3"], reference_deg: Float[Array, "3"
 
 
 def boresight_table(run: CalibrationRun) -> pd.DataFrame:
-    """Every unknown of every estimator, and the angles of every image (``image`` empty: of all)."""
-    rows = [row for label, r in run.results.items() for row in _unknowns(run, label, r)]
+    """Every unknown of every estimator, and the angles of every image (``image`` empty: of all).
+
+    Angles are written near those of the first estimator, beyond 180 degrees where needed.
+    """
+    rows = [row for label, r in run.results.items() for row in _unknowns(label, r)]
     rows += [row for label, r in run.results.items() for row in _images(run, label, r)]
-    return pd.DataFrame(rows, columns=BORESIGHT_COLUMNS)
+    table = pd.DataFrame(rows, columns=BORESIGHT_COLUMNS)
+    for axis, name in enumerate(ANGLES if rows else ()):
+        own = table["name"] == name
+        first = float(table.loc[own, "value"].iloc[0])
+        table.loc[own, "value"] = _near(table.loc[own, "value"].to_numpy(float), first)
+        if run.reference_deg is not None:
+            table.loc[own, "reference"] = _near(run.reference_deg[axis], first)
+    angles = table["name"].isin(ANGLES)
+    table.loc[angles, "error"] = table.loc[angles, "value"] - table.loc[angles, "reference"]
+    return table.astype(dict.fromkeys(("value", "sigma", "reference", "error"), float))
 
 
-def _unknowns(run: CalibrationRun, label: str, r: BoresightResult) -> Iterator[dict[str, Any]]:
-    for i, name in enumerate(r.names):
+def _near(angle_deg: Any, other_deg: float) -> Any:
+    """The same angle within half a turn of another."""
+    return angle_deg + 360 * np.round((other_deg - angle_deg) / 360)
+
+
+def _unknowns(label: str, r: BoresightResult) -> Iterator[dict[str, Any]]:
+    for name, x, sigma in zip(r.names, r.x, r.sigma, strict=True):
         factor, unit = in_shown_units(name)
         row = {"estimator": label, "image": "", "name": name, "unit": unit}
-        row |= {"value": r.x[i] * factor, "sigma": r.sigma[i] * factor}
-        yield row | (_against(run, i, r.x[i] * factor) if name in ANGLES else {})
+        yield row | {"value": x * factor, "sigma": sigma * factor}
 
 
 def _images(run: CalibrationRun, label: str, r: BoresightResult) -> Iterator[dict[str, Any]]:
@@ -57,14 +73,7 @@ def _images(run: CalibrationRun, label: str, r: BoresightResult) -> Iterator[dic
     for image in np.flatnonzero(np.isfinite(angles).all(axis=1)):
         for i, name in enumerate(ANGLES):
             row = {"estimator": label, "image": run.observations.images[image], "name": name, "unit": "deg"}
-            yield row | {"value": angles[image, i], "sigma": sigma[image, i]} | _against(run, i, angles[image, i])
-
-
-def _against(run: CalibrationRun, axis: int, value_deg: float) -> dict[str, float]:
-    if run.reference_deg is None:
-        return {}
-    reference = run.reference_deg[axis]
-    return {"reference": reference, "error": float(np.remainder(value_deg - reference + 180, 360) - 180)}
+            yield row | {"value": angles[image, i], "sigma": sigma[image, i]}
 
 
 def residual_table(run: CalibrationRun) -> pd.DataFrame:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import pandas as pd
 
@@ -39,6 +41,27 @@ def time_offset_table(run: CalibrationRun, label: str) -> pd.DataFrame:
     parts = [_part(o.images[i], held.offsets_s, held.by_image[:, k]) for k, i in enumerate(images)]
     parts += [_part(ALL, held.offsets_s, held.rms_px), _part(REFIT, refitted.offsets_s, refitted.rms_px)]
     return pd.concat(parts, ignore_index=True)
+
+
+@dataclass(frozen=True)
+class Least:
+    """Where the residuals are least: of all images, and of the images each by itself (least and greatest of them)."""
+
+    offset_ms: float
+    rms_px: float
+    offsets_ms: tuple[float, float]
+    by_image_px: tuple[float, float]
+
+
+def least(table: pd.DataFrame) -> Least:
+    """The minima of the curves with the boresight held."""
+    held = table[table["image"] != REFIT]
+    lowest = held.loc[held.groupby("image")["rms_px"].idxmin()].set_index("image")
+    one = lowest.drop(index=ALL)
+    return Least(
+        *lowest.loc[ALL, ["offset_ms", "rms_px"]].astype(float),
+        *((float(one[column].min()), float(one[column].max())) for column in ("offset_ms", "rms_px")),
+    )
 
 
 def _part(image: str, offsets_s: Array, rms_px: Array) -> pd.DataFrame:
