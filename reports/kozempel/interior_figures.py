@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
 
 from estimators.aerial.image_error import image_rays
 from reports.figures.style import GREY, color, legend, marker, new_figure, styled
@@ -45,6 +46,8 @@ def design_figure(result: StudyResult) -> Figure:
             ticks = sorted(set(part[key].astype(float)))
             ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
             ax.minorticks_off()
+            ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            ax.yaxis.set_major_formatter("{x:g}")
         column[1].set_xlabel(label)
     axes[0, 0].set_ylabel("focal length [px]")
     axes[1, 0].set_ylabel("direction over the image [px]")

@@ -75,7 +75,7 @@ def test_tables_hold_what_was_measured() -> None:
     design = design_table(study())
     assert list(design["wall"]) == ["flat"] * 3 + ["deep"] * 3
     assert design["f, RMS [px]"].tolist() == pytest.approx([0.1] * 6)
-    assert design["principal point, sigma [px]"].tolist() == pytest.approx([0.2 * np.sqrt(2)] * 6)
+    assert design["principal p., sigma [px]"].tolist() == pytest.approx([0.2 * np.sqrt(2)] * 6)
     table = parameters_table(study()).set_index("parameter")
     assert table["RMS / sigma"].tolist() == pytest.approx([1.0] * 10)
     assert table["true / sigma"]["b1"] == pytest.approx(80.0)
