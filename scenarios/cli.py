@@ -228,6 +228,8 @@ def _check(parsed: argparse.Namespace) -> int:
 
 def _list() -> int:
     from estimators import registry
+    from estimators.aerial.boresight_estimators import CALIBRATION_ESTIMATORS
+    from estimators.aerial.registry import FLIGHT_ESTIMATORS
     from estimators.estimate import describe
     from scenarios import spec, study_page, study_spec
 
@@ -238,7 +240,7 @@ def _list() -> int:
     for name, path in (spec.names() | study_spec.names() | study_page.names()).items():
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         table.add_row(name, data["title"], data.get("source", ""))
-    for name, cls in registry().items():
+    for name, cls in {**registry(), **FLIGHT_ESTIMATORS, **CALIBRATION_ESTIMATORS}.items():
         what, _, source = describe(cls).partition(" (")
         table.add_row(name, what, source.rstrip(").") if source else "")
     console.print(table, highlight=False)
