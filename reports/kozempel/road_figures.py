@@ -60,7 +60,7 @@ def margins_figure(result: StudyResult) -> Figure:
     for column, network in zip(axes.T, names, strict=True):
         for i, (case, view, name) in enumerate(_LINES):
             mine = of(rows, network=network, estimator=case, view=seen[view])
-            label = f"{name}, orientation {'known' if view == 0 else seen[view]}"
+            label = f"{name}, {seen[view].split()[0]}"
             for ax, quantity in zip(column, ("road_whole_vehicles", "road_excess"), strict=True):
                 _draw(ax, of(mine, quantity=quantity), i, label)
         column[0].set_title(network)
@@ -86,7 +86,7 @@ def classes_figure(result: StudyResult) -> Figure:
         ax.set_title(network)
     axes[0].set_ylabel("pavement inside [%]")
     figure.supxlabel("margin on both sides of the RAS-Q width [m]", fontsize=8.5)
-    legend(figure, list(axes))
+    legend(figure, list(axes)[::-1])  # the mixed network has all classes
     return figure
 
 
