@@ -16,6 +16,8 @@ from benchmarks.boresight_flights import MOUNTING, Conditions, fly
 from benchmarks.calibration_data import CLICKS, GEOREFERENCE, IMAGES, write
 from estimators.aerial.boresight_observations import BoresightObservations
 from estimators.aerial.boresight_result import BoresightResult
+from reports.calibrations.run import load_calibration
+from reports.calibrations.time_offset import ALL, least, time_offset_table
 from sim.streams import stream
 from tests.scenarios.conftest import Command, Result
 
@@ -221,6 +223,22 @@ def test_what_is_inseparable_is_said(command: Command, files: Files) -> None:
     row = metrics[metrics["quantity"] == "inseparable"].iloc[0]
     assert set(row["entity"].split(" and ")) == {"pitch", "time_offset"}
     assert abs(row["value"]) > 0.99
+
+
+def test_a_time_offset_is_found_and_drawn(command: Command, files: Files) -> None:
+    """Without noise even two heights are not needed; the curve starts from the result's own residuals."""
+    write(fly(Conditions(is_exact=True, time_offset_s=0.01), stream(3, 0, "test")), files.folder)
+    estimated(command, files)
+    result = found(label="with time offset")
+    assert result.names[3] == "time_offset"
+    assert result.x[3] == pytest.approx(0.01, abs=5e-4)  # 1e-4 degrees of the file are 0.02 ms of way, times 20
+    loaded = load_calibration(Path("out"), "test")
+    held = time_offset_table(loaded, ADJUSTED).set_index("image").loc[ALL]
+    at_zero = held[held["offset_ms"].abs() < 1e-9]["rms_px"].item()
+    assert at_zero == pytest.approx(loaded.results[ADJUSTED].rms_px, rel=1e-9)
+    corrected = time_offset_table(loaded, "with time offset")
+    assert least(corrected).offset_ms == pytest.approx(10.0, abs=2.5)  # steps of 2.5 ms
+    assert least(corrected).rms_px < at_zero
 
 
 def test_images_without_ground_or_clicks_are_left_out(command: Command, files: Files) -> None:
