@@ -17,6 +17,7 @@ from sim.sensor import Sensor
 
 Array = np.ndarray
 BOLOMETER = ThermalSensor()
+BANDS = ("rgb", "mono", "thermal")
 
 
 def picture(
@@ -37,8 +38,10 @@ def picture(
     scene's weather, the same in every image.
 
     Raises
-        ValueError: fewer than one sample.
+        ValueError: fewer than one sample, an unknown band.
     """
+    if band not in BANDS:
+        raise ValueError(f"band: expected one of {', '.join(BANDS)}, got {band!r}")
     if band == "thermal":
         kelvin = render_thermal(scene, camera, T_wc, t_s, samples)
         return grey(sense(kelvin, thermal, rng), Weather.of(scene.world).span_K())

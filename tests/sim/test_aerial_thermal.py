@@ -192,6 +192,8 @@ def test_a_grey_picture_is_linear_in_its_span() -> None:
 def test_wrong_calls_are_refused(summer: AerialScene) -> None:
     with pytest.raises(ValueError, match="samples"):
         render_thermal(summer, FINE, on_road(summer), samples=0)
+    with pytest.raises(ValueError, match="rgb, mono, thermal, got 'infrared'"):
+        picture(summer, "infrared", FINE, on_road(summer), 0.0, 1, np.random.default_rng(0))
     with pytest.raises(ValueError, match=r"ThermalSensor\.netd_K"):
         ThermalSensor(netd_K=-1.0)
     with pytest.raises(ValueError, match="range_K"):
