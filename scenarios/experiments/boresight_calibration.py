@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -24,19 +25,30 @@ from sim.angles import Mounting
 
 Array = np.ndarray
 Row = tuple[str, str, float, float]
-PER_IMAGE, ADJUSTED, NO_POSES = "per image", "one adjustment", "without own poses"
+Way = Literal["per image", "one adjustment", "without own poses"]
+PER_IMAGE: Way = "per image"
+ADJUSTED: Way = "one adjustment"
+NO_POSES: Way = "without own poses"
 # Navigation of a thousandth of its sigmas leaves the images no poses of their own.
 _EXACT = 1e-3
 
 
 @dataclass(frozen=True)
 class BoresightCalibration(CalibrationPlan):
-    """The boresight of a calibration flight in three ways."""
+    """The boresight of a calibration flight in one way or several."""
+
+    ways: tuple[Way, ...] = (PER_IMAGE, ADJUSTED, NO_POSES)
+    """The mean of every image's; by one adjustment; by one in which navigation counts as exact."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.ways or len(set(self.ways)) < len(self.ways):
+            raise ValueError(f"ways: should name one at least and none twice, found {list(self.ways)}")
 
     @property
     def cases(self) -> tuple[str, ...]:
         """The ways."""
-        return PER_IMAGE, ADJUSTED, NO_POSES
+        return self.ways
 
     def __call__(self, seed: int, run: int) -> pd.DataFrame:
         """Rows of every way, angles in degrees.
@@ -47,12 +59,17 @@ class BoresightCalibration(CalibrationPlan):
         boresight_heading, boresight_image_px with the mean of all; boresight_scatter_<angle> of an image.
         """
         f = calibration_flight(self, seed, run)
-        rows = [*_per_image(f)]
-        args = f.camera, f.points, f.control
-        rows += _adjusted(ADJUSTED, boresight_from_gcps(*args, f.navigation, f.nominal), f, scaled=False)
-        exact = boresight_from_gcps(*args, without_error(f.navigation), f.nominal)
-        rows += _adjusted(NO_POSES, exact, f, scaled=True)
+        rows = [row for way in self.ways for row in _found(way, f)]
         return pd.DataFrame(rows, columns=["estimator", "quantity", "t_s", "value"])
+
+
+def _found(way: Way, f: CalibrationFlight) -> Iterator[Row]:
+    args = f.camera, f.points, f.control
+    if way == PER_IMAGE:
+        return _per_image(f)
+    if way == ADJUSTED:
+        return _adjusted(way, boresight_from_gcps(*args, f.navigation, f.nominal), f, scaled=False)
+    return _adjusted(way, boresight_from_gcps(*args, without_error(f.navigation), f.nominal), f, scaled=True)
 
 
 def without_error(navigation: Navigation) -> Navigation:

@@ -119,10 +119,11 @@ class CalibrationPlan:
 
     def lines(self) -> tuple[FlightLine, ...]:
         """The passes in the order in which they are flown."""
-        rounds = -(-self.images // (_IMAGES_PER_PASS * len(self.headings_deg)))
+        count = max(len(self.headings_deg), len(self.heights_m))
+        rounds = -(-self.images // (_IMAGES_PER_PASS * count))
         flown: list[FlightLine] = []
-        for i, heading in enumerate(self.headings_deg * rounds):
-            height = self.heights_m[i % len(self.heights_m)]
+        for i in list(range(count)) * rounds:
+            heading, height = self.headings_deg[i % len(self.headings_deg)], self.heights_m[i % len(self.heights_m)]
             flown += approaches((0.0, 0.0), 3 * _REACH * self.lowest_m, height, self.speed_mps, (heading,))
         return tuple(flown)
 
