@@ -74,7 +74,7 @@ class OrthoAccuracy:
         check_range("relief_m", self.relief_m, 0, 50)
         check_range("position_m", self.position_m, 0, 10)
         check_range("vibration_deg", self.vibration_deg, 0, 1)
-        check_range("images", self.images, 1, 20)
+        check_range("images", self.images, 1, 6)
         check_range("points", self.points, 50, 10_000)
         if not self.headings_deg:
             raise ValueError("headings_deg: should name one pass at least, found none")

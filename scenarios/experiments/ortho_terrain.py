@@ -11,7 +11,7 @@ from sim.terrain import Bounds, ElevationGrid, plane, relief
 
 Array = np.ndarray
 Dem = Literal["exact", "srtm", "flat"]
-HALF_M = 1000.0
+HALF_M = 1300.0
 """Half a side of the terrain."""
 _BOUNDS: Bounds = (-HALF_M, -HALF_M, HALF_M, HALF_M)
 _NODE_M, _WAVES_M = 20.0, (200.0, 1800.0)

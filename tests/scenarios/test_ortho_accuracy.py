@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -130,6 +132,15 @@ def test_heights_between_corners() -> None:
     corner = np.array([10.0, 20, 40, 30])
     found = anchor_heights(corner, np.array([[0.0, 0], [99, 0], [99, 49], [0, 49], [49.5, 24.5]]), (100, 50))
     np.testing.assert_allclose(found, [*corner, 25])
+
+
+def test_the_largest_flight_has_ground_and_check_points_in_every_image() -> None:
+    systems: tuple[Literal["antar", "argos"], ...] = ("antar", "argos")
+    for system in systems:
+        rows = OrthoAccuracy(system=system, height_m=1500.0, images=6, points=50, dem="flat", relief_m=50.0)(1, 0)
+        images = rows[rows["quantity"] == "ortho_image"]
+        assert images.groupby("estimator")["value"].count().tolist() == [18] * 4
+        assert np.isfinite(images["value"]).all()
 
 
 @pytest.mark.parametrize(
