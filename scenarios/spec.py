@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_type_hints
 
-from pydantic import Field, ValidationError, create_model, field_validator, model_validator
+from pydantic import Field, TypeAdapter, ValidationError, create_model, field_validator, model_validator
 
 from estimators import registry
 from estimators.stereo.features import FrontEnd
@@ -95,10 +95,10 @@ def _front_end_model() -> type[FrontEndSpec]:
     return create_model("front_end", __base__=FrontEndSpec, __doc__=FrontEnd.__doc__, **fields)
 
 
-def one_of(models: Sequence[type[Spec]]) -> Any:
-    """The type of a table in a file that is one of several, told apart by its ``name``."""
+def one_of(models: Sequence[type[Spec]], key: str = "name") -> Any:
+    """The type of a table in a file that is one of several, told apart by a key."""
     union = functools.reduce(operator.or_, models)
-    return Annotated[union, Field(discriminator="name")] if len(models) > 1 else union
+    return Annotated[union, Field(discriminator=key)] if len(models) > 1 else union
 
 
 def estimator_type(known: Mapping[str, type[Any]] | None = None) -> Any:
@@ -224,6 +224,9 @@ def validated(data: dict[str, Any]) -> Any:
         raise ScenarioError(explain(error, model)) from error
 
 
+_KINDS = ("stereo", "recording", "flight", "calibration")
+
+
 def _model(data: dict[str, Any]) -> type[Spec]:
     """The model of a file's content, by its kind."""
     if data.get("kind") == "recording":
@@ -329,8 +332,10 @@ def input_files(spec: Scenario) -> list[Path]:
 
 
 def json_schema() -> dict[str, Any]:
-    """JSON Schema of scenario files."""
-    schema = run_model().model_json_schema()
+    """JSON Schema of scenario files of all kinds."""
+    models = [_model({"kind": kind}) for kind in _KINDS]
+    adapter: TypeAdapter[Any] = TypeAdapter(one_of(models, "kind"))
+    schema = adapter.json_schema()
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema"
     schema["title"] = "pruefstand scenario"
     return schema

@@ -157,8 +157,13 @@ def test_schema_accepts_and_names_the_keys(command: Command) -> None:
     result = command("schema")
     assert result.status == 0
     schema = json.loads(result.out)
-    assert {"rig", "vehicle", "measure", "estimator"} <= set(schema["properties"])
-    assert schema["additionalProperties"] is False
+    kinds = {
+        kind: schema["$defs"][name.rpartition("/")[2]] for kind, name in schema["discriminator"]["mapping"].items()
+    }
+    assert set(kinds) == {"stereo", "recording", "flight", "calibration"}
+    assert {"rig", "vehicle", "measure", "estimator"} <= set(kinds["stereo"]["properties"])
+    assert {"ground", "flight", "estimator"} <= set(kinds["flight"]["properties"])
+    assert all(kind["additionalProperties"] is False for kind in kinds.values())
 
 
 def test_list_names_everything_within_80_columns(command: Command) -> None:

@@ -173,7 +173,7 @@ def test_a_scenario_resolved_twice_is_the_same() -> None:
     text = scenario.model_dump_json(by_alias=True)
     assert spec.run_model().model_validate_json(text).model_dump_json(by_alias=True) == text
     assert scenario.measure.segmentation.kind == "true"
-    assert "front_end" in spec.json_schema()["properties"]
+    assert "front_end" in spec.run_model().model_json_schema()["properties"]
 
 
 def test_a_trial_sees_the_images_of_the_engine(small_run: Command, monkeypatch: pytest.MonkeyPatch) -> None:

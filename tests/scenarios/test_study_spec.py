@@ -193,3 +193,12 @@ def test_only_the_estimators_asked_for() -> None:
     assert [e["label"] for e in base["estimator"]] == ["points", "tracks"]
     with pytest.raises(ScenarioError, match=r"^--estimator: found 'track', did you mean 'tracks'"):
         study_spec.read("siegemund-table-3-4-1", estimators=["track"])
+
+
+@pytest.mark.parametrize("name", ["flight-town", "recording", "boresight-gcps"])
+def test_a_study_of_what_only_runs_is_refused(name: str, command: Command, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text(f'title = "t"\nkind = "study"\nscenario = "{name}"\nruns = 1\n')
+    result = command("study", "mine.toml")
+    assert result.status == 2
+    assert f"scenario: found '{name}', a " in result.err
+    assert result.err.count("\n") == 1
