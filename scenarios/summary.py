@@ -19,6 +19,7 @@ _ROWS = (
 _OF_FLIGHTS = (
     *(("ortho", "all", statistic) for statistic in ("made", "failed", "bias", "rms", "max")),
     ("road", "all", "completeness"),
+    *(("road_mask", "all", statistic) for statistic in ("completeness", "correctness")),
 )
 _OF_RECORDINGS = tuple(
     (quantity, "all", "median")

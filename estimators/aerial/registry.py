@@ -10,9 +10,11 @@ from typing import Any
 
 from estimators.aerial.flight_boresight import BoresightFromControl, BoresightFromTies
 from estimators.aerial.orthorectification import Orthorectification
+from estimators.aerial.road_masks import RoadMasking
 
 FLIGHT_ESTIMATORS: dict[str, type[Any]] = {
     "boresight_from_gcps": BoresightFromControl,
     "boresight_from_ties": BoresightFromTies,
     "orthorectification": Orthorectification,
+    "road_masks": RoadMasking,
 }

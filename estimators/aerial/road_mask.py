@@ -56,9 +56,16 @@ def mask_of_ortho(network: RoadNetwork, grid: MapGrid, widening_m: float = 0.0) 
 
 
 def mask_of_image(
-    network: RoadNetwork, camera: Camera, T_wc: Pose, terrain: ElevationGrid, widening_m: float = 0.0
+    network: RoadNetwork,
+    camera: Camera,
+    T_wc: Pose,
+    terrain: ElevationGrid,
+    widening_m: float = 0.0,
+    pavement: bool = False,
 ) -> RoadMask:
     """As `mask_of_ortho` in the pixels of an aerial image, through terrain, orientation and lens.
+
+    pavement: each road from kerb to kerb by its own width in place of that of its class with margins.
 
     Raises
         OrthoError: a part of the image's border sees no ground.
@@ -68,16 +75,21 @@ def mask_of_image(
         return camera.project(T_wc.inv().apply(terrain.on_ground(xy)))
 
     roads = roads_near(network, footprint(camera, T_wc, terrain)[:, :2])
-    return _drawn(roads, camera.size_px[::-1], project, widening_m)
+    return _drawn(roads, camera.size_px[::-1], project, widening_m, pavement)
 
 
 def _drawn(
-    roads: Iterable[Road], shape: tuple[int, int], project: Callable[[Array], Array], widening_m: float
+    roads: Iterable[Road],
+    shape: tuple[int, int],
+    project: Callable[[Array], Array],
+    widening_m: float,
+    pavement: bool = False,
 ) -> RoadMask:
     known = tuple(roads)
     edge = np.full(shape, -1, np.int32)
     for k in sorted(range(len(known)), key=lambda k: -known[k].road_class):
-        outline = shapely.LineString(known[k].line_m).buffer((known[k].map_width_m + widening_m) / 2)
+        width = known[k].width_m if pavement else known[k].map_width_m
+        outline = shapely.LineString(known[k].line_m).buffer((width + widening_m) / 2)
         for ring in _rings(outline):
             _fill(edge, project(ring), k)
     return RoadMask(np.where(edge >= 0, np.uint8(255), np.uint8(0)), edge, known)

@@ -13,6 +13,7 @@ from reports.bootstrap import interval
 from reports.errors import ERROR_COLUMNS
 from reports.flights.boresight import boresight_rows
 from reports.flights.errors import CHECK_POINTS, MEASURED, TRUE
+from reports.flights.masks import mask_rows
 from reports.flights.run import FlightRun
 from reports.metrics import as_table, metric_row
 from reports.statistics import STATISTICS
@@ -33,7 +34,7 @@ def flight_metrics(
     """All rows, in the columns of metrics.csv; orthos, matched, covered by the estimator's label."""
     whose = {"scenario": run.name, "seed": run.seed, "runs": 1, "estimator": ""}
     rows = [*_pose_rows(run, poses), *_vehicle_rows(run), *_map_rows(run)]
-    found = [whose | row for row in (*rows, *boresight_rows(run))]
+    found = [whose | row for row in (*rows, *boresight_rows(run), *mask_rows(run))]
     for label, estimate in run.orthos.items():
         own = [*_ortho_rows(orthos[label], run), *_matched_rows(matched[label]), *_covered_rows(covered[label])]
         own += _made_rows(estimate, len(run.observations))

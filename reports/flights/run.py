@@ -13,6 +13,7 @@ import pandas as pd
 
 from estimators.aerial.flight_boresight import FlightBoresight
 from estimators.aerial.orthorectification import OrthoImages
+from estimators.aerial.road_masks import RoadMasks
 from estimators.estimate import EstimationFailed
 from sim.flight_camera import FlightCamera
 from sim.flight_observations import FlightObservations, read_road_map
@@ -31,7 +32,7 @@ class FlightRun:
     observations: FlightObservations
     truth: FlightTruth
     vehicles: pd.DataFrame
-    estimates: Mapping[str, OrthoImages | FlightBoresight | EstimationFailed]
+    estimates: Mapping[str, OrthoImages | FlightBoresight | RoadMasks | EstimationFailed]
 
     @property
     def seed(self) -> int:
@@ -46,6 +47,11 @@ class FlightRun:
     def boresights(self) -> dict[str, FlightBoresight]:
         """The boresights of the estimators that gave any."""
         return {label: e for label, e in self.estimates.items() if isinstance(e, FlightBoresight)}
+
+    @property
+    def masks(self) -> dict[str, RoadMasks]:
+        """The road masks of the estimators that gave any."""
+        return {label: e for label, e in self.estimates.items() if isinstance(e, RoadMasks)}
 
     @cached_property
     def road_map(self) -> RoadNetwork:
@@ -80,9 +86,11 @@ def load_flight(folder: Path, name: str) -> FlightRun:
     )
 
 
-def _estimate(folder: Path) -> OrthoImages | FlightBoresight | EstimationFailed:
+def _estimate(folder: Path) -> OrthoImages | FlightBoresight | RoadMasks | EstimationFailed:
     failure = folder / "failure.json"
     if failure.is_file():
         f = json.loads(failure.read_text(encoding="utf-8"))
         return EstimationFailed(f["reason"], tuple(f["hints"]))
-    return FlightBoresight.load(folder) if FlightBoresight.is_in(folder) else OrthoImages.load(folder)
+    if FlightBoresight.is_in(folder):
+        return FlightBoresight.load(folder)
+    return RoadMasks.load(folder) if RoadMasks.is_in(folder) else OrthoImages.load(folder)

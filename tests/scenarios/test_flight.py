@@ -31,6 +31,7 @@ SHORT = (
     "flight.frames=3",
     "control.points=6",
     "control.spread_m=80.0",
+    "imaging.truth_images=true",
 )
 
 
@@ -138,6 +139,50 @@ def test_road_map_is_wrong_on_purpose(flown: Path) -> None:
     here, there = (np.array(f["geometry"]["coordinates"][0]) for f in (known[k], true[int(errors.source[k])]))
     # 111 km a degree of latitude.
     assert 0 < np.hypot(*(here - there)) * 111e3 < 15
+
+
+def test_road_masks_cover_the_roads(flown: Path) -> None:
+    masks = sorted((flown / "estimates/road_masks/masks").glob("*.png"))
+    assert [p.name for p in masks] == [f"mono-0000{k}.png" for k in range(3)]
+    where = {"estimator": "road_masks", "quantity": "road_mask"}
+    completeness, correctness = (
+        float(metric(flown, statistic=s, **where)["value"]) for s in ("completeness", "correctness")
+    )
+    # Margins and displacement of the map: neither is one.
+    assert 0.7 < completeness <= 1
+    assert 0.3 < correctness < 0.95
+
+
+def test_depth_of_the_pictures_is_that_of_the_ground(flown: Path) -> None:
+    truth, _ = FlightTruth.load(flown / "truth")
+    for k in range(3):
+        with np.load(flown / f"truth/images/mono-0000{k}.npz") as f:
+            depth, instance = f["depth"], f["instance"]
+        ground = np.argwhere(instance == -1)[::5000]
+        p_c = truth.cameras[0].camera.unproject(ground[:, ::-1].astype(float), depth[tuple(ground.T)])
+        p_w = truth.T_wc[k].apply(p_c)
+        # Depth of float32 at 500 m; the renderer's ground is linear over 8 px.
+        np.testing.assert_allclose(p_w[:, 2], truth.terrain.height(p_w[:, :2]), atol=0.02)
+
+
+def test_a_flight_is_the_same_every_time() -> None:
+    one, other = (simulate_flight(spec.read("flight-town", SHORT).without_estimators) for _ in range(2))
+    assert one.observations.records == other.observations.records
+    np.testing.assert_array_equal(one.truth.T_wc.R, other.truth.T_wc.R)
+    np.testing.assert_array_equal(one.world_s, other.world_s)
+
+
+def test_traffic_rests_while_the_aircraft_turns() -> None:
+    settings = ('flight.pattern={ kind = "approaches", length_m = 60.0 }', "flight.frames=100")
+    flown = simulate_flight(spec.read("flight-town", (*SHORT, *settings)).without_estimators)
+    lines = np.array([r.line for r in flown.observations.records])
+    assert set(lines) == {0, 1, 2, 3}
+    for line in range(4):
+        own = lines == line
+        np.testing.assert_allclose(np.diff(flown.world_s[own]), np.diff(flown.truth.t_s[own]), atol=1e-9)
+    between = np.flatnonzero(np.diff(lines))
+    assert np.all(np.diff(flown.truth.t_s)[between] > 30)
+    assert np.all((np.diff(flown.world_s)[between] > 0) & (np.diff(flown.world_s)[between] < 6))
 
 
 def test_report_holds_tables_and_figures(flown: Path) -> None:
