@@ -10,6 +10,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from reports.kozempel import (
+    boresight,
+    boresight_design,
+    boresight_figures,
+    boresight_offset,
+    boresight_statements,
+    boresight_ties,
     interior,
     interior_figures,
     ortho,
@@ -21,6 +27,13 @@ from reports.kozempel import (
 )
 
 TABLES: dict[str, Callable[..., pd.DataFrame]] = {
+    "kozempel_boresight_claims": boresight_statements.claims,
+    "kozempel_boresight_design": boresight_design.design_table,
+    "kozempel_boresight_noise": boresight_design.noise_table,
+    "kozempel_boresight_offset": boresight_offset.offset_table,
+    "kozempel_boresight_smallest": boresight_design.smallest,
+    "kozempel_boresight_ties": boresight_ties.ties_table,
+    "kozempel_boresight_ways": boresight.ways_table,
     "kozempel_interior_claims": interior.claims,
     "kozempel_interior_design": interior.design_table,
     "kozempel_interior_parameters": interior.parameters_table,
@@ -35,6 +48,14 @@ TABLES: dict[str, Callable[..., pd.DataFrame]] = {
     "kozempel_road_margins": road.margins_table,
 }
 FIGURES: dict[str, Callable[..., Figure]] = {
+    "kozempel_boresight_curves": boresight_offset.curves_figure,
+    "kozempel_boresight_honesty": boresight_figures.honesty_figure,
+    "kozempel_boresight_images": boresight_offset.images_figure,
+    "kozempel_boresight_maps": boresight_design.maps_figure,
+    "kozempel_boresight_noise": boresight_design.noise_figure,
+    "kozempel_boresight_numbers": boresight_design.images_figure,
+    "kozempel_boresight_scatter": boresight_figures.scatter_figure,
+    "kozempel_boresight_ties": boresight_ties.ties_figure,
     "kozempel_interior_design": interior_figures.design_figure,
     "kozempel_interior_field": interior_figures.field_figure,
     "kozempel_interior_iteration": interior_figures.iteration_figure,
