@@ -172,5 +172,5 @@ def _draw_vectors(ax: Axes, uv: Array, error: Array, longest: float) -> None:
     ax.plot(*uv.T, ".", color=GREY, ms=2)
     ax.set_aspect("equal")
     ax.invert_yaxis()
-    ax.margins(0.12)
+    ax.margins(0.2)
     ax.grid(visible=False)
