@@ -130,7 +130,9 @@ def _read(path: Path, order: Mapping[str, list[str]]) -> pd.DataFrame:
     names = pq.read_schema(path).names
     table: pd.DataFrame = pq.read_table(path, read_dictionary=[c for c in _CATEGORIES if c in names]).to_pandas()
     for column, values in order.items():
-        table[column] = table[column].cat.set_categories(["", *values] if column == "estimator" else values)
+        known = ["", *values] if column == "estimator" else values
+        # pandas 3.0 leaves the codes of no rows at 8 bits, however many the categories.
+        table[column] = table[column].cat.set_categories(known) if len(table) else pd.Categorical([], known)
     return table
 
 
