@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import NullLocator
 
 from reports.figures.style import GREY, color, legend, marker, new_figure, styled
 from reports.kozempel.boresight import ADJUSTED, ANGLES, GOAL_DEG, LETTERS, NAVIGATION, nees_band, pooled
+from reports.kozempel.log_axis import plain_log
 from reports.studies import StudyResult
 
 Array = np.ndarray
@@ -82,27 +83,30 @@ def design_table(result: StudyResult) -> pd.DataFrame:
 
 
 @styled
-def images_figure(result: StudyResult, *, gcps: int = 8) -> Figure:
+def images_figure(result: StudyResult, *, gcps: int = 8, heights: str = "500 m") -> Figure:
     """Sigma (lines) and RMS with interval (marks) over the number of images: columns angles, rows navigation.
 
     Raises
-        ValueError: the study has no designs with so many control points.
+        ValueError: the study has no designs with so many control points or these heights.
     """
     value, low, high = (designs(result, c) for c in ("value", "ci_low", "ci_high"))
-    used = value["gcps"] == gcps
+    used = (value["gcps"] == gcps) & (value["heights"] == heights)
     if not used.any():
-        raise ValueError(f"gcps: found {gcps}, allowed: {', '.join(map(str, sorted(set(value['gcps']))))}")
+        raise ValueError(f"gcps, heights: found {gcps} and {heights!r}, which no design of the study has")
     kinds = list(dict.fromkeys(value["navigation"]))
     figure = new_figure(5.6)
     axes = figure.subplots(len(kinds), len(ANGLES), sharex=True, sharey="col", squeeze=False)
     for row, kind in zip(axes, kinds, strict=True):
         for ax, angle in zip(row, ANGLES, strict=True):
-            for i, (label, index) in enumerate(_lines(value[used & (value["navigation"] == kind)])):
+            for i, (directions, own) in enumerate(
+                value[used & (value["navigation"] == kind)].groupby("directions", sort=False)
+            ):
+                index = own.sort_values("images").index
+                x = value.loc[index, "images"] * 1.07 ** (i - 1)
+                ax.plot(x, value.loc[index, f"boresight_sigma_{angle}"], color=color(i), label=str(directions))
                 q = f"boresight_{angle}"
-                x = value.loc[index, "images"] * 1.035 ** (i - 2)
-                ax.plot(x, value.loc[index, f"boresight_sigma_{angle}"], color=color(i), label=label)
                 bars = np.abs(np.stack([low.loc[index, q], high.loc[index, q]]) - value.loc[index, q].to_numpy(float))
-                ax.errorbar(x, value.loc[index, q], bars, fmt=marker(i), color=color(i), ms=3, lw=0.7)
+                ax.errorbar(x, value.loc[index, q], bars, fmt=marker(i), color=color(i), ms=3.5, lw=0.8, capsize=2)
             ax.axhline(GOAL_DEG[angle], color=GREY, lw=0.9, ls=":", label="goal")
             _log_axes(ax, sorted(set(value["images"])))
         row[1].set_title(f"navigation: {NAVIGATION[kind]}", loc="center", fontweight="normal")
@@ -113,17 +117,10 @@ def images_figure(result: StudyResult, *, gcps: int = 8) -> Figure:
     return figure
 
 
-def _lines(rows: pd.DataFrame) -> Iterator[tuple[str, pd.Index]]:
-    """Directions and heights, and the designs that differ in images alone, in their order."""
-    for (heights, directions), part in rows.groupby(["heights", "directions"], sort=False):
-        yield f"{heights}, {directions}", part.sort_values("images").index
-
-
 def _log_axes(ax: Axes, ticks: Sequence[float]) -> None:
     ax.set(xscale="log", yscale="log", xticks=ticks, xticklabels=[f"{t:g}" for t in ticks])
-    ax.minorticks_off()
-    ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    ax.yaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_locator(NullLocator())
+    plain_log(ax.yaxis)
 
 
 @styled
@@ -154,7 +151,7 @@ def _map(ax: Axes, grid: pd.DataFrame, goal: float) -> None:
     for (i, j), value in np.ndenumerate(values):
         weight = "bold" if value <= goal else "normal"
         c = "white" if abs(ratio[i, j]) > 1.3 else "black"
-        ax.text(j, i, f"{value:.4f}", ha="center", va="center", fontsize=7, fontweight=weight, color=c)
+        ax.text(j, i, f"{value:.4f}", ha="center", va="center", fontsize=6.5, fontweight=weight, color=c)
     ax.set_xticks(range(grid.shape[1]), [str(v) for v in grid.columns])
     ax.set_yticks(range(grid.shape[0]), [str(v) for v in grid.index])
     ax.grid(visible=False)

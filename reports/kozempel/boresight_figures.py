@@ -20,6 +20,7 @@ from reports.kozempel.boresight import (
     nees_band,
     pooled,
 )
+from reports.kozempel.log_axis import plain_log
 from reports.studies import StudyResult
 
 
@@ -32,7 +33,7 @@ def scatter_figure(result: StudyResult, *, run: int = 0) -> Figure:
     points = [str(result.points.index[0]), as_source(result)]
     names = conditions(result)
     figure = new_figure(5.2)
-    axes = figure.subplots(len(points), len(ANGLES), sharex=True, squeeze=False)
+    axes = figure.subplots(len(points), len(ANGLES), sharex=True, sharey="row", squeeze=False)
     for row, point in zip(axes, points, strict=True):
         m = result.measures
         rows = m[(m["point"] == point) & (m["estimator"].isin([PER_IMAGE, ADJUSTED]))]
@@ -59,13 +60,12 @@ def _draw(ax: Axes, rows: pd.DataFrame, angle: str, run: int) -> None:
     single = rows[rows["run"] == run].set_index(["estimator", "quantity", "t_s"])["value"]
     for x, case, c in ((n + 1.2, PER_IMAGE, GREY), (n + 2.4, ADJUSTED, "#882255")):
         value, sigma = (single[case, f"boresight_{part}{angle}", 0.0] for part in ("", "sigma_"))
-        label = "their mean and its scatter / √n" if case == PER_IMAGE else "one adjustment, stated sigma"
+        label = "their mean, scatter / √n" if case == PER_IMAGE else "one adjustment, sigma"
         ax.errorbar([x], [value], [[sigma], [sigma]], fmt="D", color=c, ms=4, capsize=3, label=label)
     ax.axhline(0, color=TRUTH, lw=0.8, label="true")
     for s in (-SOURCE_SCATTER_DEG[1], SOURCE_SCATTER_DEG[1]):
-        ax.axhline(s, color=GREY, lw=0.9, ls=":", label="the source's largest scatter, ±0.12°")
-    limit = 1.15 * max(SOURCE_SCATTER_DEG[1], float(np.abs(own).max()))
-    ax.set(ylim=(-limit, limit), xticks=range(1, n + 1, 2))
+        ax.axhline(s, color=GREY, lw=0.9, ls=":", label="source's scatter, 0.12°")
+    ax.set(xticks=range(1, n + 1, 2))
 
 
 def _column(rows: pd.DataFrame, quantity: str) -> pd.DataFrame:
@@ -74,7 +74,7 @@ def _column(rows: pd.DataFrame, quantity: str) -> pd.DataFrame:
 
 @styled
 def honesty_figure(result: StudyResult) -> Figure:
-    """True errors (filled, with interval) and stated ones (hollow) of every way, and its NEES, over the conditions."""
+    """True errors (filled, with interval) and stated ones (hollow) of every way, and its NEES, by conditions."""
     figure = new_figure(4.6)
     axes = figure.subplots(1, len(ANGLES) + 1, sharey=True)
     names = [name.replace(", GNSS", ",\nGNSS") for name in conditions(result)]
@@ -85,15 +85,17 @@ def honesty_figure(result: StudyResult) -> Figure:
         for ax, angle in zip(axes, ANGLES, strict=False):
             q = f"boresight_{angle}"
             bars = np.abs(np.stack([low[q], high[q]]) - value[q].to_numpy())
-            ax.errorbar(value[q], at, xerr=bars, fmt=marker(i), color=color(i), ms=4, capsize=2, label=f"{case}, true")
-            stated = value[f"boresight_sigma_{angle}"]
-            ax.plot(stated, at, marker(i), mfc="white", color=color(i), ms=5, zorder=0, label=f"{case}, stated")
+            ax.errorbar(value[q], at, xerr=bars, fmt=marker(i), color=color(i), ms=4, capsize=2, label=case)
+            ax.plot(value[f"boresight_sigma_{angle}"], at, marker(i), mfc="none", color=color(i), ms=7)
         axes[-1].plot(value["boresight_nees"], at, marker(i), color=color(i), ms=4)
+    axes[0].plot([], [], "o", mfc="none", color=GREY, ms=7, label="stated")
     for ax, angle in zip(axes, ANGLES, strict=False):
-        ax.axvline(GOAL_DEG[angle], color=GREY, lw=0.9, ls=":", label="goal in clean conditions")
+        ax.axvline(GOAL_DEG[angle], color=GREY, lw=0.9, ls=":", label="goal, clean")
         ax.set(xscale="log", title=LETTERS[angle], xlabel="error [°]")
+        plain_log(ax.xaxis)
     axes[-1].axvspan(*nees_band(result), color="#cccccc", zorder=0)
     axes[-1].set(xscale="log", title="NEES", xlabel="mean per angle")
+    plain_log(axes[-1].xaxis)
     axes[0].set_yticks(y, names, fontsize=7)
     legend(figure, list(axes))
     return figure
