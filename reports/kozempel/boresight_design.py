@@ -195,7 +195,7 @@ def noise_figure(result: StudyResult) -> Figure:
                 x = value.loc[index, "position_m"] * 1.03 ** (i - 2.5)
                 style = "-" if kind == "independent" else "--"
                 c = color(sorted(set(value["clicks_px"])).index(clicks))
-                label = f"clicks {clicks:g} px, {NAVIGATION[kind]}"
+                label = f"{clicks:g} px, {'new' if kind == 'independent' else 'constant'}"
                 ax.plot(x, value.loc[index, f"boresight_sigma_{angle}"], style, color=c, label=label)
                 bars = np.abs(np.stack([low.loc[index, q], high.loc[index, q]]) - value.loc[index, q].to_numpy(float))
                 ax.errorbar(x, value.loc[index, q], bars, fmt=marker(i), color=c, ms=3, lw=0.7)
@@ -204,6 +204,6 @@ def noise_figure(result: StudyResult) -> Figure:
         row[0].set_ylabel(f"error of {LETTERS[angle]} [°]")
     for ax, vibration in zip(axes[0], vibrations, strict=True):
         ax.set_title(f"vibration {vibration:g}°", fontweight="normal")
-    figure.supxlabel("GNSS, each axis [m]", fontsize=8.5)
+    figure.supxlabel("GNSS, each axis [m]; lines: clicks, and navigation's errors", fontsize=8.5)
     legend(figure, list(axes.flat))
     return figure
