@@ -91,6 +91,7 @@ def _page(run: FlightRun, metrics: pd.DataFrame, drawn: dict[str, Path]) -> str:
         failures=[(k, _reasons(e.failures)) for k, e in run.orthos.items() if e.failures],
         orthos=[(label, _ortho_table(metrics, label)) for label in run.orthos],
         matched=[(label, _matched(metrics, label)) for label in run.orthos],
+        own_px=[(label, _own_px(metrics, label)) for label in run.orthos],
         boresights=_boresight_rows(run),
         said=[(label, words) for label, b in run.boresights.items() for words in (*b.inseparable, *b.excluded)],
         poses=_pose_table(metrics),
@@ -123,10 +124,17 @@ def _ortho_table(metrics: pd.DataFrame, label: str) -> list[tuple[str, ...]]:
     own = metrics[(metrics["estimator"] == label) & (metrics["quantity"] == "ortho") & (metrics["unit"] == "m")]
     table = []
     for entity in (MEASURED, TRUE):
-        for axis, shown in (("x", "east"), ("y", "north"), ("all", "both")):
+        axes = (("x", "east"), ("y", "north"), ("all", "both"))
+        for axis, shown in axes if entity == MEASURED else axes[2:]:
             cells = [_value(own, entity=entity, axis=axis, statistic=s) for s in ("bias", "std", "rms", "p95", "max")]
             table.append((entity, shown, *cells))
     return table
+
+
+def _own_px(metrics: pd.DataFrame, label: str) -> str:
+    """The largest error of the method alone [px]."""
+    own = metrics[(metrics["estimator"] == label) & (metrics["quantity"] == "ortho") & (metrics["unit"] == "px")]
+    return _value(own, entity=TRUE, statistic="max")
 
 
 def _matched(metrics: pd.DataFrame, label: str) -> dict[str, str]:
