@@ -36,6 +36,7 @@ def _condition(p: pd.Series) -> str:
 def offset_table(result: StudyResult) -> pd.DataFrame:
     """Every flight: where the curves are lowest, and the offset as an unknown of the adjustment."""
     held, anew, adjusted = (pooled(result, case) for case in (HELD, REFITTED, ADJUSTED))
+    scatter = minima(result, REFITTED).groupby("point", observed=False).std()
     return pd.DataFrame(
         {
             "flight": conditions(result).str.replace("\n", ", "),
@@ -43,7 +44,7 @@ def offset_table(result: StudyResult) -> pd.DataFrame:
             "lowest, held [ms]": held["offset_minimum"],
             "gain, held [%]": 100 * held["offset_gain"],
             "lowest, fitted anew [ms]": anew["offset_minimum"],
-            "its scatter [ms]": minima(result, REFITTED).groupby("point", observed=False).std(),
+            "its scatter [ms]": scatter.reindex(result.points.index),
             "gain, fitted anew [%]": 100 * anew["offset_gain"],
             "adjusted: RMS error [ms]": adjusted["offset_error"],
             "adjusted: sigma [ms]": adjusted["offset_sigma"],
