@@ -54,9 +54,9 @@ def smallest(result: StudyResult) -> pd.DataFrame:
         }
         for angle in ANGLES:
             q = f"boresight_{angle}"
-            row[f"{LETTERS[angle]}, sigma [°]"] = rows.loc[best, f"boresight_sigma_{angle}"]
-            row[f"{LETTERS[angle]}, RMS [°]"] = rows.loc[best, q]
-            row[f"{LETTERS[angle]}, 95 %"] = f"{low.loc[best, q]:.4f} … {high.loc[best, q]:.4f}"
+            sigma, rms = (rows.loc[best, name] for name in (f"boresight_sigma_{angle}", q))
+            interval = f"{low.loc[best, q]:.4f} … {high.loc[best, q]:.4f}"
+            row[f"{LETTERS[angle]}: sigma; RMS (95 %) [°]"] = f"{sigma:.4f}; {rms:.4f} ({interval})"
         table.append(row)
     return pd.DataFrame(table)
 

@@ -195,7 +195,7 @@ def test_the_smallest_design_that_meets_the_goal() -> None:
     table = by(smallest(r), "navigation", "directions")
     good = table["errors new in every image", "four directions"]
     assert (good["meets the goal"], good["images"], good["control points per image"]) == ("yes", 9, 8)
-    assert good["φ, RMS [°]"] == pytest.approx(0.016 / 3)
+    assert good["φ: sigma; RMS (95 %) [°]"] == "0.0053; 0.0053 (0.0053 … 0.0053)"
     none = table["errors mostly constant", "one direction"]
     assert none["meets the goal"].startswith("none")
     assert (none["images"], none["control points per image"]) == (16, 8)
