@@ -24,6 +24,7 @@ from sim.scenario.flight import Ground
 from tests.scenarios.conftest import Command
 
 SHORT = (
+    "ground.preset=motorway",
     "ground.length_m=1500.0",
     "flight.system=antar",
     "flight.height_m=500.0",
