@@ -322,3 +322,25 @@ def test_ground_that_ends_under_an_image_is_counted(tmp_path: Path) -> None:
     reasons = errors.loc[errors["quantity"] == "failure", "axis"]
     assert len(reasons) == failed
     assert reasons.str.contains("no ground under .* of 64 points").all()
+
+
+@pytest.mark.shared_data
+def test_a_flight_over_real_roads_and_buildings(shared_data: Path, tmp_path: Path) -> None:
+    maps = shared_data / "roads"
+    folder = tmp_path / "run"
+    given = (
+        f"ground.roads={maps / 'helsinki.geojson'}",
+        f"ground.buildings={maps / 'helsinki-buildings.geojson'}",
+        "flight.system=antar",
+        "flight.height_m=500.0",
+        "flight.frames=2",
+    )
+    settings = [part for setting in given for part in ("--set", setting)]
+    assert cli.main(["run", "flight-map", "--out", str(folder), *settings]) == 0
+    observations = FlightObservations.load(folder / "observations")
+    # Helsinki lies at 24.9 E.
+    assert observations.georeference.epsg == 32635
+    largest = metric(folder, quantity="ortho", axis="all", statistic="max", unit="px", entity="true orientation")
+    assert float(largest["value"]) < 0.1
+    image = np.asarray(cv2.imread(str(folder / "observations/images/mono-00000.jpg"), cv2.IMREAD_GRAYSCALE))
+    assert image.std() > 15
