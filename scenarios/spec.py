@@ -9,7 +9,7 @@ import operator
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, get_type_hints
 
 from pydantic import Field, TypeAdapter, ValidationError, create_model, field_validator, model_validator
 
@@ -30,6 +30,7 @@ _PATHS = (
 class EstimatorSpec(Spec):
     """An estimator by its registered name, its label, and its constructor's arguments."""
 
+    builds: ClassVar[type[Any]]
     name: str
     label: Name | None = None
 
@@ -48,7 +49,7 @@ class EstimatorSpec(Spec):
 
     def build(self) -> Any:
         """The estimator itself; raises ValueError where its constructor does."""
-        raise NotImplementedError
+        return self.builds(**self.arguments)
 
 
 class FrontEndSpec(Spec):
@@ -80,13 +81,11 @@ def constructor(cls: type[Any]) -> dict[str, Any]:
     return fields
 
 
-def _estimator_model(name: str, cls: type[Any], known: Mapping[str, type[Any]]) -> type[EstimatorSpec]:
-    class One(EstimatorSpec):
-        def build(self) -> Any:
-            return known[name](**self.arguments)
-
+def _estimator_model(name: str, cls: type[Any]) -> type[EstimatorSpec]:
     fields = {"name": (Literal[name], ...)} | constructor(cls)
-    return create_model(f"estimator_{name}", __base__=One, __doc__=cls.__doc__, **fields)
+    model = create_model(f"estimator_{name}", __base__=EstimatorSpec, __doc__=cls.__doc__, **fields)
+    model.builds = cls
+    return model
 
 
 def _front_end_model() -> type[FrontEndSpec]:
@@ -104,7 +103,7 @@ def one_of(models: Sequence[type[Spec]], key: str = "name") -> Any:
 def estimator_type(known: Mapping[str, type[Any]] | None = None) -> Any:
     """The type of an ``[[estimator]]``: one of those known, by default those for stereo that are installed."""
     known = registry() if known is None else known
-    return one_of([_estimator_model(n, c, known) for n, c in sorted(known.items())])
+    return one_of([_estimator_model(n, c) for n, c in sorted(known.items())])
 
 
 def check_labels(estimators: Sequence[Any]) -> None:
