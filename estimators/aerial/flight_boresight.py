@@ -106,6 +106,8 @@ class BoresightFromControl:
         """Reads the clicks beside the observations in ``source``."""
         del target
         camera, images = _chosen(observations, self.camera)
+        if not len(images):
+            return EstimationFailed(f"no image of a camera {self.camera or camera.name!r}")
         path = source / CONTROL
         if not path.is_file():
             return EstimationFailed("no control points were clicked in this flight", ("Give control.points.",))
@@ -153,6 +155,8 @@ class BoresightFromTies:
         """Reads the chosen images of the folder ``source``."""
         del target
         camera, images = _chosen(observations, self.camera)
+        if not len(images):
+            return EstimationFailed(f"no image of a camera {self.camera or camera.name!r}")
         T_wc = observations.T_wc
         ground_m = float(np.median(observations.terrain.heights_m))
         chosen = overlapping(T_wc[images], camera, ground_m, self.images)

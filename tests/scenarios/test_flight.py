@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,7 +14,9 @@ import rasterio
 from PIL import Image
 
 from estimators.aerial import gcp_file
+from estimators.aerial.flight_boresight import BoresightFromControl, BoresightFromTies
 from estimators.aerial.orthorectification import OrthoImages
+from estimators.estimate import EstimationFailed
 from scenarios import cli, spec
 from sim.aerial.presets import PRESETS
 from sim.flight_observations import FlightObservations
@@ -219,6 +222,13 @@ def test_a_damaged_image_is_counted_and_named(flown: Path, tmp_path: Path) -> No
         "images/mono-00000.jpg: no such file or directory",
         "images/mono-00002.jpg: not an image, or damaged",
     ]
+
+
+@pytest.mark.parametrize("estimator", [BoresightFromControl, BoresightFromTies])
+def test_a_camera_that_did_not_fly_gives_no_boresight(estimator: type[Any], flown: Path, tmp_path: Path) -> None:
+    source = flown / "observations"
+    result = estimator(camera="nadir")(FlightObservations.load(source), source, tmp_path, lambda: None)
+    assert result == EstimationFailed("no image of a camera 'nadir'")
 
 
 def test_presets_of_the_language_are_those_of_the_world() -> None:
